@@ -53,7 +53,6 @@ from truejoint.tip import (
     find_block,
     zero_by_touch,
 )
-from truejoint.tip.fit import known_kinematics
 from truejoint.tip.guide import Guide, choose_touches, design_pose, learning
 from truejoint.tip.touch import tip_rows, zero_prior
 
@@ -215,7 +214,7 @@ def recorded(specimen: str, seed: int, hours: float) -> Session:
 
 def tip_error(robot: Robot, judge: Judge, model: Calibration) -> Row:
     """RMS error [m] of the tip in the robot's base, and (3,) of the joints, on random motion."""
-    chain, joint = known_kinematics(robot), judge.measured.copy()
+    chain, joint = robot.known_kinematics("the benchmark"), judge.measured.copy()
     joint[:, :3] = model.correct(judge.recording)
     off = (chain.forward(joint)[:, :3, 3] - chain.forward(judge.true)[:, :3, 3])[judge.counts]
     error = (joint - judge.true)[judge.counts, :3]
@@ -275,7 +274,10 @@ def rezero_rows(session: Session, names: list[str]) -> dict[str, Row]:
 
 def in_block(session: Session, model: Calibration, chain: Kinematics) -> Row:
     """Judge a calibration by the tip in the block's frame, of an arm that really is a `chain`."""
-    judge, believed = session.judges["homing"], known_kinematics(session.training[0].robot)
+    judge, believed = (
+        session.judges["homing"],
+        session.training[0].robot.known_kinematics("the benchmark"),
+    )
     there = (chain.forward(judge.true)[:, :3, 3] - session.pose[1]) @ session.pose[0]
     joint, facts = judge.measured.copy(), model.metadata["touch"]
     joint[:, :3] = model.correct(judge.recording)
@@ -327,7 +329,7 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
     unmeasured = replace(block, measured=float("nan"))
     small = replace(unmeasured, points={name: p / 0.995 for name, p in block.points.items()})
     robot, older = recording.robot, [calibrate(session.training, "linear", random_state=0)]
-    straight, crooked = known_kinematics(robot), bent(robot, 0.2)
+    straight, crooked = robot.known_kinematics("the benchmark"), bent(robot, 0.2)
 
     def touch(*given: Any, known: list[Calibration] | tuple[()] = ()) -> Calibration:
         return calibrate_by_touch(*given, priors=known)[0]

@@ -14,7 +14,7 @@ MAKE = {"block": block_session, "tracker": tracker_session}
 @pytest.mark.parametrize(("kind", "repeats"), [("block", 6), ("block", 0), ("tracker", 6)])
 def test_the_stated_error_is_near_the_true_one_whatever_noise_is_stated(kind, repeats):
     ratios = []
-    for seed, factor in ((0, 1.0), (1, 0.5), (2, 2.0), (3, 1.0), (4, 0.5), (5, 2.0)):
+    for seed, factor in ((0, 1.0), (1, 0.5), (2, 2.0)):
         session = MAKE[kind](DrawnArm(seed), 30, repeats)
         model, report = calibrate_by_touch(
             session.recording, session.touches, session.block, touch_sd=factor * NOISE[kind]

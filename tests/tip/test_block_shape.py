@@ -13,7 +13,7 @@ from truejoint.errors import CalibrationError
 from truejoint.motion.touching import joints_at
 from truejoint.robots import get_robot
 from truejoint.tip import block_stl, block_svg, design_block
-from truejoint.tip.block_shape import BASE, CONE, PITCH
+from truejoint.tip.block import BASE, CONE, PITCH
 
 ROBOT = get_robot("raven2", "left")
 

@@ -18,7 +18,14 @@ from truejoint.tip import (
 
 TAKEN = ("block", "1 % larger, unmeasured"), ("tracker", "1 % larger")
 """No touch tells a block's size from the insertion's; what it may cost is told."""
-SELDOM = ("block", "1 % larger, measured wrongly"), ("block", "moved by 0.5 mm amid")
+SELDOM = [
+    ("block", name)
+    for name in (
+        "1 % larger, measured wrongly", "moved by 0.5 mm amid", "moved by 2 mm amid",
+        "mirrored in y", "numbered along y",
+    )
+]  # fmt: skip
+"""The benchmark alone tries these."""
 
 
 @pytest.mark.parametrize("fault", [each for each in FAULTS if each not in SELDOM])
@@ -56,7 +63,7 @@ def test_a_slope_that_no_arm_has_is_refused():
 @pytest.mark.parametrize("references", [0, 6])
 def test_a_bolted_block_that_moves_is_refused_or_widens_the_deviations(references, tmp_path):
     ratios, refused = [], []
-    for seed in range(3):
+    for seed in range(2):
         arm = DrawnArm(seed)
         model, day = arm.model(), block_session(arm, 30, 0, references=references)
         pose, _ = find_block(model, day.recording, day.touches, day.block)
@@ -79,7 +86,7 @@ def test_a_bolted_block_that_moves_is_refused_or_widens_the_deviations(reference
     assert all("moved by" in told or "moves by" in told for _, told in refused)
     moves = [millimetres for millimetres, _ in refused]
     assert moves.count(0.0) == 0
-    assert moves.count(2.0) == 3 or not references
+    assert moves.count(2.0) == 2 or not references
 
 
 def test_a_reference_is_no_dimple():

@@ -30,16 +30,6 @@ from truejoint.tip.guide import (
 
 
 @pytest.fixture(scope="module")
-def model() -> Calibration:
-    return fitted()
-
-
-@pytest.fixture(scope="module")
-def first() -> Touched:
-    return touched(24)
-
-
-@pytest.fixture(scope="module")
 def block(first: Touched) -> Block:
     return replace(first.block, translation=first.translation + 0.005)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.tip.test_fit import TRUE, rows_of
-from tests.tip.touched_arm import ROTATION, Touched, fitted, touched, wandering
+from tests.tip.touched_arm import ROTATION, Touched, touched, wandering
 from tests.tip.touched_arm import recorded as record
 
 from truejoint import Calibration
@@ -16,16 +16,6 @@ from truejoint.tip import Block, BlockPose, Touches, find_block, read_touches, z
 from truejoint.tip.touch import fit_block
 
 HOMING = (0.002, 0.006, -3e-4)
-
-
-@pytest.fixture(scope="module")
-def model() -> Calibration:
-    return fitted()
-
-
-@pytest.fixture(scope="module")
-def first() -> Touched:
-    return touched(24)
 
 
 @pytest.fixture(scope="module")
@@ -72,12 +62,12 @@ def test_touches_after_a_homing_give_its_zero(model, pose, first):
 
 
 def test_what_it_states_of_the_zero_holds(model, pose, first):
-    squares, runs = np.zeros(3), 20
+    squares, runs = np.zeros(3), 8
     for seed in range(runs):
         today = touched(6, seed, offset=HOMING, noise=2e-4, block=first.block)
         _, found = zero_by_touch(model, today.recording, today.touches, pose)
         squares += ((found.state.coefficients - HOMING) / found.sd[:3]) ** 2
-    assert (squares < 2.2 * runs).all()  # chi2 of 20 exceeds this once in 2500
+    assert (squares < 3.3 * runs).all()  # chi2 of 8 exceeds this once in 1100
 
 
 def test_errors_beyond_the_trainings_are_seen(model, first):
@@ -155,12 +145,9 @@ def test_touches_that_cannot_be_are_refused(model, pose, first):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "want t,dimple"),
         ("time,number\n1,2\n", "want t,dimple"),
-        ("t,dimple\n", "no dimples"),
         ("t,dimple\none,2\n", "line 2"),
         ("t,dimple\n1.0\n", "line 2"),
-        ("t,dimple\n2.0,3\n1.0,4\n", "must go up"),
         ("t,dimple\nnan,3\n", "must go up"),
         ("t,dimple\n" + 200_000 * "1", "is not a CSV file of touches"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -48,6 +49,7 @@ def wandering(n: int, seed: int) -> np.ndarray:
     return joint
 
 
+@cache
 def fitted() -> Calibration:
     """Linear model of such an arm, with truth of every row."""
     joint = wandering(3000, 1)

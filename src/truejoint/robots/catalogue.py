@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from importlib.resources import as_file, files
@@ -129,11 +128,6 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
     from truejoint import schema  # noqa: PLC0415  # as above
     from truejoint.robots.robot import Robot  # noqa: PLC0415
 
-    name, arm = values.get("name"), values.get("arm", "")
-    if name in robot_names() and isinstance(arm, str):
-        with suppress(RobotError):  # of the arm, which is named below
-            if values == _stated(name, arm):  # most files: nothing is left to check
-                return _build(name, arm)
     robot = Robot.from_dict(values, source)
     if robot.name not in robot_names():
         return robot
@@ -155,12 +149,6 @@ def _arms(name: str) -> Mapping[str, str]:
     text = files(__package__).joinpath(name, INSTRUMENTS).read_text(encoding="utf-8")
     arms = [str(arm) for row in tomllib.loads(text).values() for arm in row["names"]]
     return {"": arms[0], **{arm: arm for arm in arms}}
-
-
-@cache
-def _stated(name: str, arm: str) -> Mapping[str, Any]:
-    """Describe a robot by name, as a file would carry it."""
-    return _build(name, arm).to_dict()
 
 
 @cache

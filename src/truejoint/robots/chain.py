@@ -131,10 +131,8 @@ def reach(
     shortest way where they are more than three; the others stay. Says as well which points (m,)
     are reached, within any range of the joints. Raises RobotError if the kinematics are not known.
     """
-    chain, columns = (
-        robot.known_kinematics("points of the tool"),
-        robot.index(joints or robot.positioning),
-    )
+    chain = robot.known_kinematics("points of the tool")
+    columns = robot.index(joints or robot.positioning)
     goal = np.asarray(points, dtype=np.float64)
     joint = np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1))
     for _ in range(_STEPS):

@@ -206,10 +206,10 @@ class Workspace:
                     f"workspace: {key} is {values.tolist()!s:.60}; want a finite number for "
                     f"each of {', '.join(self.joints)}"
                 )
-        for joint, lower, upper, speed in zip(
-            self.joints, self.lower, self.upper, self.speed, strict=True
+        for joint, good in zip(
+            self.joints, (self.lower < self.upper) & (self.speed > 0), strict=True
         ):
-            if not (lower < upper and speed > 0):
+            if not good:
                 raise RobotError(f"workspace.{joint}: lower must be below upper, and speed above 0")
 
     @property

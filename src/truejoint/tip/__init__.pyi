@@ -1,12 +1,12 @@
 from .block import Block as Block
 from .block import BlockPose as BlockPose
+from .block import BlockShape as BlockShape
+from .block import block_stl as block_stl
+from .block import block_svg as block_svg
+from .block import design_block as design_block
 from .block import read_block as read_block
 from .block import read_pose as read_pose
 from .block import write_pose as write_pose
-from .block_shape import BlockShape as BlockShape
-from .block_shape import block_stl as block_stl
-from .block_shape import block_svg as block_svg
-from .block_shape import design_block as design_block
 from .touch import Touches as Touches
 from .touch import TouchReport as TouchReport
 from .touch import calibrate_by_touch as calibrate_by_touch
@@ -15,6 +15,6 @@ from .touch import read_shots as read_shots
 from .touch import read_touches as read_touches
 from .touch import zero_by_touch as zero_by_touch
 from .track import Registered as Registered
+from .track import Registration as Registration
+from .track import read_registration as read_registration
 from .track import tracked_truth as tracked_truth
-from .track_fit import Registration as Registration
-from .track_fit import read_registration as read_registration

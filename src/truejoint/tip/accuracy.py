@@ -1,9 +1,14 @@
-"""How far off a tip is that was fitted to points: what points err, what joints keep, and where."""
+"""How far off a tip is that was fitted to points, and what may be wrong with the points.
+
+Residuals are split into what points err and what joints keep. Mirrored, scaled, wrongly numbered or
+moved points, or points that are not of the tip, are each tried by a fit of their own, and named
+where the points are far likelier so.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Final, NamedTuple
@@ -11,9 +16,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.errors import CalibrationError
 from truejoint.robots import Robot
+from truejoint.tip.block import Block
 from truejoint.tip.fit import (
+    GATE,
+    MARKER,
+    NORM_MEDIAN,
     SCALE,
     Equations,
     TipFit,
@@ -22,8 +32,10 @@ from truejoint.tip.fit import (
     Whitened,
     fit_rows,
     normal_equations,
+    whiten_rows,
 )
 from truejoint.tip.terms import Terms
+from truejoint.units import with_unit
 
 _POINT: Final = np.geomspace(0.25, 4.0, 9)
 """What a point may err, as multiples of what it was fitted with."""
@@ -36,6 +48,13 @@ _SAME: Final = 3e-3
 _LEAST: Final = 7.0  # of a split's likelihood below the best
 _ANYWHERE: Final = 0.02  # m, how widely outliers lie
 _PLACES: Final = 200  # at which the error over a workspace is worked out
+_PROOF: Final = 9.0
+"""By how much the logarithm of the likelihood grows where a fault is named."""
+_SCALE_SD: Final = 0.03
+_MARKER_SD: Final = 0.02  # m
+_MEANT: Final = 0.5  # rad by which a block may be turned from how it is meant to stand
+_MOVE_COST: Final = 6.0  # of a time among many, and of a way in any direction
+_EDGE: Final = 6  # points at least before and after a move
 
 
 class Split(NamedTuple):
@@ -91,7 +110,7 @@ def split_residuals(
     splits = []
     for factor, share in product(_POINT, _JOINT[least <= _JOINT]):
         point_sd, joint_sd = float(factor * fit.rows.point_sd), share * stated.joint_sd
-        likelihood, covariance = _restricted(equations, fit, fit.prior, point_sd, joint_sd)
+        likelihood, covariance = restricted(equations, fit, fit.prior, point_sd, joint_sd)
         repeats = freedom * (math.log(point_sd) + 0.5 * square / point_sd**2)
         doubt = 0.5 * (math.log(point_sd / stated.point_sd) / _DOUBT) ** 2 + math.log1p(share**2)
         splits.append(Split(point_sd, joint_sd, likelihood + known - repeats - doubt, covariance))
@@ -103,11 +122,11 @@ def likeliest(fit: TipFit, priors: Sequence[TipPrior]) -> int:
     """Place of the prior under which the inliers of a fit are likeliest."""
     rows = fit.rows.rows(~fit.left_out)
     equations = rows.equations(fit.state)
-    found = [_restricted(equations, fit, p, rows.point_sd, rows.joint_sd)[0] for p in priors]
+    found = [restricted(equations, fit, p, rows.point_sd, rows.joint_sd)[0] for p in priors]
     return int(np.argmax(found))
 
 
-def _restricted(
+def restricted(
     equations: Equations, fit: TipFit, prior: TipPrior, point_sd: float, joint_sd: Array
 ) -> tuple[float, Array]:
     """Logarithm of the restricted likelihood of equations that are linear about a fit.
@@ -148,19 +167,17 @@ def refitted(fit: TipFit, stated: TipRows, splits: Sequence[Split]) -> TipFit:
     return fit_rows(rows, fit.prior, start=fit.state)
 
 
-def places(fit: TipFit, terms: Terms, joint: Array, seed: int = 0) -> TipRows:
-    """Rows of other places with the joints there (m, n_joints) [rad or m], come to at random."""
-    side = np.random.default_rng(seed).choice([-1.0, 1.0], (len(joint), len(terms.joints), 1))
-    shared = terms.normalised(joint[:, list(fit.rows.columns)])
-    basis = terms.basis(shared, side * np.ones(terms.widths.shape))
-    return replace(fit.rows, joint=joint, basis=basis, point=np.zeros((len(joint), 3)))
+def tip_error(
+    fit: TipFit, splits: Sequence[Split], terms: Terms, joint: Array, seed: int = 0
+) -> TipError:
+    """Error of the tip in the frame at joints (m, n_joints) [rad or m] that are come to at random.
 
-
-def tip_error(fit: TipFit, splits: Sequence[Split], rows: TipRows) -> TipError:
-    """Error of the tip in the frame at rows, by what the fit leaves open and what joints keep.
-
-    It is no less than the fit's residual over the root of its number.
+    By what the fit leaves open and what joints keep; it is no less than the fit's residual over the
+    root of its number.
     """
+    side = np.random.default_rng(seed).choice([-1.0, 1.0], (len(joint), len(terms.joints), 1))
+    basis = terms.basis_at(joint[:, list(fit.rows.columns)], side)
+    rows = replace(fit.rows, joint=joint, basis=basis, point=np.zeros((len(joint), 3)))
     equations = rows.equations(fit.state)
     jacobian = equations.by_parameter.copy()
     jacobian[:, :, fit.state.names.index(SCALE)] = 0.0
@@ -174,12 +191,11 @@ def tip_error(fit: TipFit, splits: Sequence[Split], rows: TipRows) -> TipError:
     ) / len(rows)
     middle = float(np.average(np.log(squares), weights=share))
     spread = float(np.average((np.log(squares) - middle) ** 2, weights=share))
-    kept = fit.residual[~fit.left_out]
-    least = float((kept**2).sum(axis=1).mean()) / len(kept)
+    residual = fit.residual[~fit.left_out]
+    least = float((residual**2).sum(axis=1).mean()) / len(residual)
     # The mean square itself is known no better than the points are many.
-    freedom = max(fit.freedom, 1)
     rms = math.sqrt(max(math.exp(middle), least))
-    return TipError(rms, rms * math.sqrt(0.25 * spread + 0.5 / freedom))
+    return TipError(rms, rms * math.sqrt(0.25 * spread + 0.5 / max(fit.freedom, 1)))
 
 
 def over_workspace(fit: TipFit, robot: Robot) -> tuple[Array, float]:
@@ -194,3 +210,154 @@ def over_workspace(fit: TipFit, robot: Robot) -> tuple[Array, float]:
     except QhullError:  # they lie in a plane
         return joint, 0.0
     return joint, float((hull.find_simplex(joint[:, columns]) >= 0).mean())
+
+
+class Trial(NamedTuple):
+    """Rows and prior of a fit in which something is otherwise."""
+
+    rows: TipRows
+    prior: TipPrior
+    words: Callable[[TipFit], str]  # What would be wrong, and what to do
+    cost: float = 0.0  # Of the likelihood, for what was fitted before
+
+
+def fit_loosely(rows: TipRows, prior: TipPrior, gate: float = GATE) -> TipFit:
+    """Fit to rows whose points err more than stated, if most of them are further off."""
+    every = fit_rows(rows, prior, gate=np.inf)
+    factor = max(1.0, float(np.median(every.distance)) / NORM_MEDIAN)
+    loose = replace(rows, point_sd=factor * rows.point_sd)
+    return fit_rows(loose, prior, gate=gate, start=every.state)
+
+
+def check_faults(
+    source: str, rows: TipRows, prior: TipPrior, trials: Iterable[Trial], place: Integers
+) -> None:
+    """Refuse points that are far likelier with something wrong in them, and name that."""
+
+    def judged(rows: TipRows, prior: TipPrior, gate: float) -> tuple[float, TipFit | None]:
+        try:
+            fit = fit_loosely(rows, prior, gate)
+        except CalibrationError:
+            return -math.inf, None
+        return split_residuals(fit, rows, place)[0].likelihood, fit
+
+    best = judged(rows, prior, GATE)[0]
+    if not math.isfinite(best):  # far too many outliers
+        best = judged(rows, prior, math.inf)[0]
+    best, fault = best + _PROOF, ""
+    for trial in trials:
+        likelihood, fit = judged(trial.rows, trial.prior, GATE)
+        if fit is not None and likelihood - trial.cost > best:
+            best, fault = likelihood - trial.cost, trial.words(fit)
+    if fault:
+        raise CalibrationError(f"{source}: the points fit only {fault}")
+
+
+def mirrored(rows: TipRows, block: Block, prior_of: Callable[[TipRows], TipPrior]) -> Trial:
+    """Try the points mirrored; the axis is told by how the block is meant to stand."""
+    flipped = replace(rows, point=rows.point * [-1.0, 1.0, 1.0])
+
+    def words(fit: TipFit) -> str:
+        turns = [np.diag(signs) for signs in ([1, 1, 1], [-1, -1, 1], [-1, 1, -1])]
+        cosines = [np.trace(block.rotation.T @ fit.state.rotation @ turn) for turn in turns]
+        best = int(np.argmax(cosines))
+        where = f" in {'xyz'[best]}" if cosines[best] > 1.0 + 2.0 * math.cos(_MEANT) else ""
+        return f"when mirrored{where}: change the sign of one axis of the points"
+
+    return Trial(flipped, prior_of(flipped), words)
+
+
+def renumbered(
+    rows: TipRows, block: Block, dimples: Sequence[str], prior_of: Callable[[TipRows], TipPrior]
+) -> Iterator[Trial]:
+    """Try the dimples numbered along other sides of the block, from other ends, or one further."""
+    names = list(block.points)
+    point = np.array(list(block.points.values()))
+    corner = np.round(point[:, :2], 6)
+    orders = [
+        np.lexsort((sign * corner[:, 1 - axis], other * corner[:, axis]))
+        for axis, sign, other in product((0, 1), (1, -1), (1, -1))
+    ]
+    orders += [np.roll(np.arange(len(names)), step) for step in (1, -1)]
+    orders += [np.argsort(order) for order in orders]
+    at = np.array([names.index(name) if name in names else -1 for name in dimples])
+    for order in orders:
+        moved = replace(rows, point=np.where(at[:, None] < 0, rows.point, point[order][at]))
+        if (moved.point == rows.point).all():
+            continue
+
+        def words(_: TipFit, order: Integers = order) -> str:
+            called = ", ".join(f"{names[k]} is {names[order[k]]}" for k in (0, 1, len(names) - 1))
+            return f"when its dimples are numbered otherwise ({called}): number them as it is drawn"
+
+        try:
+            yield Trial(moved, prior_of(moved), words)
+        except CalibrationError:  # they lie in a line
+            continue
+
+
+def scaled(rows: TipRows, prior: TipPrior, advice: str) -> Trial:
+    """Try points of another size."""
+
+    def words(fit: TipFit) -> str:
+        return f"when scaled by {fit.state.scale / prior.state.scale:.4f}: {advice}"
+
+    return Trial(rows, _freed(prior, (SCALE,), _SCALE_SD), words)
+
+
+def off_the_tip(rows: TipRows, prior: TipPrior) -> Trial:
+    """Try a marker, or whatever touches, that is not at the tip."""
+
+    def words(fit: TipFit) -> str:
+        x, y, z = (1e3 * fit.state.marker).tolist()
+        return (
+            f"when they are of a place ({x:.1f}, {y:.1f}, {z:.1f}) mm off the tip in the tool's "
+            "frame: put the marker at the tip (pivot calibration), or give its place in a "
+            "registration (extract --tracker)"
+        )
+
+    return Trial(rows, _freed(prior, MARKER, _MARKER_SD), words)
+
+
+def halves(t: Sequence[float]) -> list[tuple[str, Mask]]:
+    """Ways to cut points at times `t` (m,) [s] in two: when, and which (m,) come after."""
+    at, cuts = np.arange(len(t)), range(_EDGE, len(t) - _EDGE + 1)
+    return [(f"after {t[k]:.1f} s", at >= k) for k in cuts]
+
+
+def moved(
+    rows: TipRows, prior: TipPrior, what: str, cases: Iterable[tuple[str, Mask]]
+) -> Iterator[Trial]:
+    """Try the likeliest of moves of `what`: each says when, and which points (m,) come after."""
+    try:
+        fit = fit_rows(rows, prior, gate=np.inf)
+    except CalibrationError:  # far too bad for one move
+        return
+    moves = [(*shift_of(fit, after), when, after) for when, after in cases]
+    if moves:
+        step, _, when, after = max(moves, key=lambda move: float(move[0] @ move[1] @ move[0]))
+        point = rows.point + np.where(after[:, None], step / fit.state.scale, 0.0)
+        far = with_unit(float(np.linalg.norm(step)), "m")
+        words = f"when {what} moves by {far} {when}: bolt it down and take all points anew"
+        yield Trial(replace(rows, point=point), prior, lambda _: words, _MOVE_COST)
+
+
+def shift_of(fit: TipFit, chosen: Mask) -> tuple[Array, Array]:
+    """Shift (3,) in the frame [m] by which the `chosen` points (m,) are off the others.
+
+    And the information of it (3, 3), the inverse of its covariance.
+    """
+    white = whiten_rows(fit.rows, ~fit.left_out & chosen, fit.state)
+    turned = white.whitening.transpose(0, 2, 1) * white.weight[:, None, None]
+    pull = (turned @ white.residual[:, :, None]).sum(axis=0)[:, 0]
+    shared = (turned @ white.jacobian).sum(axis=0)
+    information = (turned @ white.whitening).sum(axis=0) - shared @ fit.covariance @ shared.T
+    return np.linalg.solve(information, pull), information
+
+
+def _freed(prior: TipPrior, names: Sequence[str], sd: float) -> TipPrior:
+    """Prior in which parameters are known within `sd` only."""
+    at = [prior.state.names.index(name) for name in names]
+    precision, free = prior.precision.copy(), prior.free.copy()
+    precision[at, at], free[at] = sd**-2.0, True
+    return replace(prior, precision=precision, free=free)

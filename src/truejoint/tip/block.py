@@ -1,4 +1,7 @@
-"""A block whose dimples a tool's tip touches: where they are, how large it is, where it stands."""
+"""A block whose dimples a tool's tip touches: its points, where it stands, its shape to print.
+
+A block of stairs is sized for a robot, and drawn as STL and as SVG.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,23 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
 
 from truejoint import schema
-from truejoint.array_types import Array, floats
+from truejoint.array_types import Array, Mask, floats
 from truejoint.errors import CalibrationError
 from truejoint.files import write_atomically
+from truejoint.robots.chain import reach
+from truejoint.robots.parts import Kinematics
+from truejoint.robots.robot import Robot, as_robot
 from truejoint.schema import Bounds, Key, Length, Positive, Shape
 from truejoint.toml_file import read_toml
 
@@ -34,6 +43,17 @@ _COMMENTS: Final = {
     "covariance": "Of a turn about the block's axes [rad] and a shift along the base's [m].",
 }
 _LARGEST: Final = 10.0  # coordinate [m]
+PITCH: Final = 10e-3  # between dimples [m]
+MOST: Final = 9  # dimples along a side
+HIGHEST_STEP: Final = 12e-3
+"""A wrist reaches further than this beyond its shaft, which so passes the next step [m]."""
+LOWEST_STEP: Final = 1e-3
+"""Of a workspace that is hardly deep [m]: one plane would leave a turn open."""
+BASE: Final = 10e-3  # below the lowest step [m]
+CONE: Final = 2e-3  # radius and depth of a dimple [m]
+_ROUND: Final = 24  # points of a dimple's rim
+_INSIDE: Final = 0.05  # of the workspace that dimples keep from its ends, for what cables lose
+_GRID: Final = 7
 _MM: Final = 1e-3
 
 _Text = Annotated[str, Length(0, 200)]
@@ -273,3 +293,214 @@ def _toml(values: Mapping[str, Any], name: str = "", digits: int | None = None) 
         written = json.dumps(value)
         text += f"{comment}{json.dumps(key) if name.endswith('_mm') else key} = {written}\n"
     return text + tables
+
+
+@dataclass(frozen=True, eq=False)
+class BlockShape:
+    """A ziggurat of square cells whose top stands off its middle, so that no turn repeats it.
+
+    Attributes
+    ----------
+    robot : Robot
+    level : ndarray of int, shape (n_x, n_y)
+        Steps below the top of each cell.
+    step : float
+        Height of a step [m].
+    reached : ndarray of bool, shape (n_x, n_y)
+        Which cells carry a dimple: those that the robot's workspace reaches.
+    rotation, translation : ndarray, shape (3, 3) and (3,)
+        Where the block is to stand in the robot's base [m].
+
+    Examples
+    --------
+    >>> design_block(truejoint.get_robot("raven2")).block().name
+    'raven2 stairs 9 x 8'
+    """
+
+    robot: Robot
+    level: NDArray[np.int64]
+    step: float
+    reached: Mask
+    rotation: Array
+    translation: Array
+
+    @property
+    def tops(self) -> Array:
+        """Middle of each cell's top (n_x, n_y, 3) in the block's frame [m], origin at a corner."""
+        n_x, n_y = self.level.shape
+        x, y = np.meshgrid(np.arange(n_x) + 0.5, np.arange(n_y) + 0.5, indexing="ij")
+        height = BASE + (self.level.max() - self.level) * self.step
+        return np.stack([x * PITCH, y * PITCH, height], axis=2)
+
+    @property
+    def size(self) -> Array:
+        """Length, width and height (3,) [m]."""
+        n_x, n_y = self.level.shape
+        return np.array([n_x * PITCH, n_y * PITCH, BASE + self.level.max() * self.step])
+
+    def block(self) -> Block:
+        """Points of the dimples, numbered row by row, and the length to measure: along x."""
+        tops = self.tops[self.reached]
+        points = {str(k): top - [0.0, 0.0, CONE] for k, top in enumerate(tops, 1)}
+        name = f"{self.robot.name} stairs {self.level.shape[0]} x {self.level.shape[1]}"
+        return Block(
+            name, self.robot.name, points, self.level.shape[0] * PITCH,
+            rotation=self.rotation, translation=self.translation,
+        )  # fmt: skip
+
+
+def design_block(robot: Robot) -> BlockShape:
+    """Size a block of stairs for the workspace of a robot, and stand it amid that.
+
+    Its dimples look against the last way in which the tool comes: along a joint that slides, or the
+    tool's own z axis. Raises CalibrationError if kinematics or workspace are not known, or fewer
+    than twelve dimples can be reached.
+
+    Examples
+    --------
+    >>> shape = design_block(truejoint.get_robot("raven2"))
+    >>> len(shape.block().points) > 40
+    True
+    """
+    chain, space = as_robot(robot).kinematics, robot.workspace
+    if chain is None or space is None:
+        raise CalibrationError(
+            f"{robot.title}: a block takes known kinematics and a workspace; give its robot file "
+            "the tables [kinematics] and [workspace]"
+        )
+    columns, pose = robot.index(space.joints), robot.home.copy()
+    pose[columns] = space.centre
+    ends = space.lower + _INSIDE * space.extent, space.upper - _INSIDE * space.extent
+    joint = np.tile(pose, (_GRID ** len(columns), 1))
+    joint[:, columns] = list(product(*np.linspace(*ends, _GRID).T))
+    tip = chain.forward(joint)[:, :3, 3]
+    rotation = _frame(robot, chain, pose, tip)
+    low, high = np.percentile(tip @ rotation, [2.0, 98.0], axis=0)
+    count = np.clip(np.floor((high - low)[:2] / PITCH).astype(int), 2, MOST)
+    x, y = np.indices(count)
+    top = (count - 1) * [0.35, 0.6]
+    level = np.round(np.maximum(np.abs(x - top[0]), np.abs(y - top[1]))).astype(np.int64)
+    deep = np.floor(1e3 * (high - low)[2] / level.max()) / 1e3
+    step = float(np.clip(deep, LOWEST_STEP, HIGHEST_STEP))
+    middle = chain.forward(pose)[:3, 3]
+    everywhere = np.ones(level.shape, dtype=np.bool_)
+    whole = BlockShape(robot, level, step, everywhere, rotation, middle)
+    bottoms, shapes = whole.tops.reshape(-1, 3) - [0, 0, CONE], []
+    # Stairs reach further down than up from the middle of a workspace that is a shell: try.
+    for down in np.linspace(0.2, 0.8, 7):
+        shift = rotation @ np.array([*(0.5 * count * PITCH), BASE + level.max() * step * down])
+        there, is_near = reach(robot, bottoms @ rotation.T + middle - shift, pose, space.joints)
+        moved = there[:, columns]
+        reached = is_near & ((moved >= ends[0]) & (moved <= ends[1])).all(axis=1)
+        at = reached.reshape(level.shape)
+        shapes.append(replace(whole, reached=at, translation=middle - shift))
+    shape = max(shapes, key=lambda each: each.reached.sum())
+    if shape.reached.sum() < 12:
+        raise CalibrationError(
+            f"{robot.title}: only {shape.reached.sum()} dimples of a block can be reached within "
+            "its workspace; widen it in the robot file"
+        )
+    return shape
+
+
+def block_stl(shape: BlockShape) -> bytes:
+    """Block as a binary STL in millimetres, closed and all facets outward.
+
+    Examples
+    --------
+    >>> shape = design_block(truejoint.get_robot("raven2"))
+    >>> len(block_stl(shape)) % 50 == 84 % 50
+    True
+    """
+    facets = np.array(_facets(shape), dtype=np.float64) * 1e3
+    normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    kind = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("more", "<u2")])
+    table = np.zeros(len(facets), dtype=kind)
+    table["normal"], table["vertices"] = normal, facets
+    head = f"truejoint block for {shape.robot.name}, mm".encode()[:80].ljust(80)
+    return head + len(facets).to_bytes(4, "little") + table.tobytes()
+
+
+def block_svg(shape: BlockShape) -> str:
+    """Drawing of the block from above, in true size: the number of each dimple, and its height.
+
+    Examples
+    --------
+    >>> block_svg(design_block(truejoint.get_robot("raven2"))).startswith("<svg")
+    True
+    """
+    side, height = PITCH * 1e3, shape.size[1] * 1e3
+    numbers, parts = iter(range(1, shape.level.size + 1)), list[str]()
+    for (i, j), level in np.ndenumerate(shape.level):
+        x, y, grey = i * side, height - (j + 1) * side, 235 - 22 * int(level)
+        parts.append(
+            f'<rect x="{x:g}" y="{y:g}" width="{side:g}" height="{side:g}" '
+            f'fill="rgb({grey},{grey},{grey})" stroke="#444" stroke-width="0.2"/>'
+        )
+        if shape.reached[i, j]:
+            ink, middle = "#000" if grey > 150 else "#fff", x + side / 2
+            parts.append(
+                f'<circle cx="{middle:g}" cy="{y + side / 2:g}" r="{CONE * 1e3:g}" fill="none" '
+                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle:g}" y="{y + 2.6:g}" '
+                f'font-size="2.4" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
+            )
+    low, high, wide = BASE * 1e3, shape.size[2] * 1e3, shape.size[0] * 1e3
+    words = (
+        f"{shape.block().name}, numbers as in the block's file",
+        f"x to the right, {wide:g} mm: measure it",
+        f"tops from {low:g} (dark) to {high:g} mm (light)",
+    )
+    for k, line in enumerate(words):
+        parts.append(f'<text x="0" y="{height + 4.5 + 4 * k:g}" font-size="3">{line}</text>')
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide + 4:g}mm" '
+        f'height="{height + 18:g}mm" viewBox="-2 -2 {wide + 4:g} {height + 18:g}" '
+        'font-family="sans-serif">\n' + "\n".join(parts) + "\n</svg>\n"
+    )
+
+
+def _frame(robot: Robot, chain: Kinematics, pose: Array, tip: Array) -> Array:
+    """Axes (3, 3) of the block: z against the tool's way in, x along where it reaches furthest."""
+    sliding = [k for k, joint in enumerate(robot.joints) if joint.kind == "prismatic"]
+    way = chain.jacobian(pose)[:3, sliding[0]] if sliding else chain.forward(pose)[:3, 2]
+    z = -way / np.linalg.norm(way)
+    across = (tip - tip.mean(axis=0)) @ (np.eye(3) - np.outer(z, z))
+    x = np.linalg.svd(across, full_matrices=False)[2][0]
+    x = x - (x @ z) * z
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _facets(shape: BlockShape) -> list[Array]:
+    """Triangles [m], corners counter-clockwise from outside.
+
+    The block is a grid of boxes, cut at every step's height, so that facets meet along whole edges.
+    """
+    steps = shape.level.max() - shape.level
+    heights = np.concatenate([[0.0], BASE + shape.step * np.arange(steps.max() + 1)])
+    solid = np.pad(np.arange(steps.max() + 1) <= steps[..., None], 1)
+    axes, facets = np.eye(3, dtype=np.int64), list[Array]()
+    for axis, sign in product(range(3), (1, -1)):
+        outside = ~np.roll(solid, -sign, axis)
+        across, along = axes[(axis + 1) % 3], axes[(axis + 2) % 3]
+        edges = (across, across + along, along) if sign > 0 else (along, across + along, across)
+        for i, j, k in np.argwhere(solid & outside) - 1:
+            if axis == 2 and sign > 0 and shape.reached[i, j]:
+                facets.extend(_dimple(i, j, heights[k + 1]))
+                continue
+            first = np.array([i, j, k]) + (sign > 0) * axes[axis]
+            x, y, z = np.array([first, *(first + edge for edge in edges)]).T
+            corners = np.column_stack([x * PITCH, y * PITCH, heights[z]])
+            facets += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
+    return facets
+
+
+def _dimple(i: int, j: int, z: float) -> Array:
+    """Triangles of the top of a cell with a conical dimple, whose bottom is its middle."""
+    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    rim = [0.5, 0.5] + CONE / PITCH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    flat = np.vstack([[(0, 0), (1, 0), (1, 1), (0, 1)], rim, [0.5, 0.5]])
+    points = np.column_stack([(flat + np.array([i, j])) * PITCH, np.full(len(flat), z)])
+    points[-1, 2] -= CONE
+    return np.asarray(points[Delaunay(flat).simplices])

@@ -189,11 +189,11 @@ class TipRows:
     ) -> TipRows:
         """Rows of a robot's tool, where deviations `corrected_sd` stay of the joints `corrected`.
 
-        Raises CalibrationError where its kinematics are not known.
+        Raises RobotError where its kinematics are not known.
         """
         columns, joint_sd = robot.index(corrected), np.zeros(joint.shape[1])
         joint_sd[columns] = corrected_sd
-        chain = known_kinematics(robot)
+        chain = robot.known_kinematics("a point of the tool")
         return cls(chain, joint, tuple(columns), basis, point, point_sd, joint_sd)
 
     def __len__(self) -> int:
@@ -257,16 +257,6 @@ class TipRows:
         return Equations(np.hstack([residual, off]), by_parameter, by_joint)
 
 
-def known_kinematics(robot: Robot) -> Kinematics:
-    """Kinematics of a robot; raises CalibrationError where they are not known."""
-    if robot.kinematics is None:
-        raise CalibrationError(
-            f"the kinematics of {robot.title} are not known, so a point of its tool says nothing "
-            "of its joints; give its robot file a table [kinematics] (docs/robots.md)"
-        )
-    return robot.kinematics
-
-
 def align(tip: Array, point: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) and translation (3,) [m] that lay points (m, 3) over the tip's (m, 3).
 
@@ -308,9 +298,6 @@ class TipFit:
     # Sum of squares of all whitened residuals, the prior's included; expected to be `freedom`
     misfit: float
     freedom: int  # Residuals less parameters that are estimated
-    # Logarithm of the restricted likelihood of the points, by which priors and standard deviations
-    # are chosen
-    evidence: float
 
     @property
     def sd(self) -> Array:
@@ -413,16 +400,11 @@ def fit_rows(
     """Fit corrections and pose to points of the tool: Gauss-Newton, Huber's weights, priors.
 
     After the robust fit, points further than `gate` standard deviations from what all others
-    expect are dropped as outliers, the worst first, and the rest is fitted again. `TipFit.weight`
-    names them. The fit begins at `start`, by default at the prior's state; held parameters are
-    always the prior's.
-
-    Raises
-    ------
-    CalibrationError
-        If points and prior leave a direction of the parameters open, if the fit does not settle,
-        or if more than a fifth of the points, and more than one, are outliers: among few points,
-        the two that are dropped may be the good ones.
+    expect are dropped as outliers, the worst first, and the rest is fitted again. The fit begins at
+    `start`, by default at the prior's state; held parameters are always the prior's. Raises
+    CalibrationError if points and prior leave a direction of the parameters open, the fit does not
+    settle, or more than a fifth of the points, and more than one, are outliers: among few points,
+    the two that are dropped may be the good ones.
     """
     inlier = np.ones(len(rows), dtype=np.bool_)
     state = prior.state
@@ -482,12 +464,7 @@ def _fit_inliers(rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask) 
     distance = np.sqrt((deleted * np.linalg.solve(spread, deleted)).sum(axis=(1, 2)))
     off = prior.state.minus(state)
     misfit = float((weight[:, None] * residual**2).sum() + off @ prior.precision @ off)
-    log_size = float(np.log(np.linalg.det(white.whitening[inlier])).sum())
-    evidence = log_size - 0.5 * misfit + 0.5 * float(np.linalg.slogdet(inverse)[1])
-    stated = np.flatnonzero(np.diag(prior.precision))
-    evidence += 0.5 * float(np.linalg.slogdet(prior.precision[np.ix_(stated, stated)])[1])
     rank = int(np.linalg.matrix_rank(prior.precision, hermitian=True))
     freedom = 3 * int(inlier.sum()) + rank - len(free)
-    points = white.equations.residual
-    judged = points, distance, weight, misfit, freedom, evidence
-    return TipFit(rows, prior, state, covariance, *judged)
+    residuals = white.equations.residual, distance, weight
+    return TipFit(rows, prior, state, covariance, *residuals, misfit, freedom)

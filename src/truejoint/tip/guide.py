@@ -15,8 +15,8 @@ from truejoint.robots.chain import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip import touch
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import TipFit, TipPrior, TipRows
-from truejoint.tip.terms import LEFT, Terms, check_priors, wide_priors
+from truejoint.tip.fit import TipFit, TipPrior, TipRows, fit_rows
+from truejoint.tip.terms import LEFT, Terms, check_priors, spread_of, wide_priors
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -84,7 +84,7 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
     """
     touch.check_pose(calibration, pose)
     robot, n = calibration.machine, len(calibration.joints)
-    homing = touch.homing_sd(calibration)
+    homing = spread_of(robot, calibration.joints)
     left = pose.joint_sd if len(pose.joint_sd) == n else homing / 10.0
 
     def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
@@ -94,7 +94,9 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
 
     def fit(recording: Recording, touches: touch.Touches) -> TipFit:
         if not finds_block:
-            return touch.fit_zero(calibration, recording, touches, pose, homing)
+            asked = calibration, recording, touches, pose.block
+            rows = touch.tip_rows(*asked, joint_sd=pose.joint_sd)
+            return fit_rows(rows, touch.zero_prior(pose, homing))
         touches = touches.among(pose.block.references, are_in=False)
         rows = touch.tip_rows(calibration, recording, touches, pose.block, offsets=False)
         return touch.fit_block(rows, pose.block)
@@ -112,16 +114,13 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
     terms, block = Terms.of_workspace(robot), pose.block
 
     def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
-        """Take all terms; no play has been gone through yet."""
-        shared = terms.normalised(joint[:, robot.index(terms.joints)])
-        basis = terms.basis(shared, np.zeros((len(joint), *terms.widths.shape)))
+        basis = terms.basis_at(joint[:, robot.index(terms.joints)])
         left = LEFT * terms.scale
         rows = TipRows.of(robot, joint, terms.joints, basis, point, TOUCH_SD, left)
         return rows, touch.terms_prior(rows, block, *wide_priors(terms)[0])
 
     def fit(recording: Recording, touches: touch.Touches) -> TipFit:
-        features = touch.features_of(recording, terms)
-        asked = recording, touches, block, terms, features, priors
+        asked = recording, touches, block, terms, terms.columns_of(recording), priors
         return touch.fit_terms(*asked, is_checked=False).fit
 
     return Task(robot, pose, touch.fewest_touches(priors), unknowns, fit, has_repeats=True)
@@ -245,16 +244,13 @@ def choose_touches(rows: TipRows, prior: TipPrior, count: int) -> Integers:
     # A little of everything is known, so that the first touches count for something.
     size = np.einsum("mia,mia->a", jacobian, jacobian) + np.diag(prior.precision)[free]
     information = prior.precision[np.ix_(free, free)] + 1e-6 * np.diag(size)
-    covariance = np.linalg.inv(information)
     remaining, chosen = list(range(len(rows))), []
     for _ in range(count):
+        covariance = np.linalg.inv(information)
         spread = jacobian[remaining] @ covariance @ jacobian[remaining].transpose(0, 2, 1)
         gain = np.linalg.slogdet(np.eye(3) + spread)[1]
-        best = remaining.pop(int(np.argmax(gain)))
-        chosen.append(best)
-        row = jacobian[best]
-        inner = np.linalg.inv(np.eye(3) + row @ covariance @ row.T)
-        covariance = covariance - covariance @ row.T @ inner @ row @ covariance
+        chosen.append(remaining.pop(int(np.argmax(gain))))
+        information = information + jacobian[chosen[-1]].T @ jacobian[chosen[-1]]
     return np.array(chosen)
 
 

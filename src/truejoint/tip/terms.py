@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration.compatibility import check_columns
 from truejoint.errors import CalibrationError
 from truejoint.estimators.polynomial.run import polynomial_factors
-from truejoint.features.feature_set import FeatureSet
+from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
@@ -24,7 +25,7 @@ WIDTHS: Final = (1e-3, 5e-3, 2e-2)
 TRACKED_WIDTHS: Final = (0.002, 0.02)
 """The same for a tracker, as shares of half a joint's way: friction turns at once, cables later."""
 SPREAD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
-"""Scale of the coefficients for touches."""
+"""Scale of the coefficients for touches; by as much a homing moves a zero, widely."""
 # Standard deviations of the terms. For touches in `SPREAD`, for a tracker as shares of half a
 # joint's way, but for its zero [rad or m].
 WIDE: Final = {"zero": 5.0, "slope": 2.0, "square": 0.5, "play": 0.3}
@@ -46,6 +47,11 @@ _GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may differ more than 
 _PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken for its terms
 
 
+def spread_of(robot: Robot, joints: Sequence[str]) -> Array:
+    """`SPREAD` of joints (n_joints,) [rad or m]."""
+    return np.array([SPREAD[robot.joint(joint).unit] for joint in joints])
+
+
 @dataclass(frozen=True, eq=False)
 class Terms:
     """Terms of each joint's correction: a zero, slopes and squares of all, plays of its own."""
@@ -62,7 +68,7 @@ class Terms:
         space = robot.workspace
         if space is None:
             raise CalibrationError(f"no workspace of {robot.title} is known; state it in its file")
-        scale = np.array([SPREAD[robot.joint(joint).unit] for joint in space.joints])
+        scale = spread_of(robot, space.joints)
         widths = np.outer(space.extent, WIDTHS)
         return cls(space.joints, space.centre, space.extent / 2, scale, widths)
 
@@ -105,6 +111,12 @@ class Terms:
         plays = features[:, n:].reshape(len(features), n, widths) - features[:, :n, None]
         return self.normalised(features[:, :n]), plays / self.widths
 
+    def columns_of(self, recording: Recording) -> tuple[Array, Array]:
+        """`columns` of a recording; raises CalibrationError where it lacks a joint."""
+        names = [f"measured/{name}" for name in recording.robot.joint_names]
+        check_columns(recording, names, "tip's place takes")
+        return self.columns(self.features.compute(recording, default_gap_limit([recording])))
+
     def basis(self, shared: Array, plays: Array) -> Array:
         """Correction per coefficient (m, n_joints, k) [rad or m], from `columns`."""
         n, widths = self.widths.shape
@@ -114,6 +126,14 @@ class Terms:
             basis[:, k, k, :count] = shared * self.scale[k]
             basis[:, k, k, count:] = plays[:, k] * self.scale[k]
         return basis.reshape(m, n, -1)
+
+    def basis_at(self, joint: Array, side: Array | float = 0.0) -> Array:
+        """`basis` at positions (m, n_joints) [rad or m], come to from sides (m, n_joints, 1).
+
+        They are -1 or 1, and 0 where no play has been gone through.
+        """
+        plays = side * np.ones((len(joint), *self.widths.shape))
+        return self.basis(self.normalised(joint), plays)
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers, Mask, floats
+from truejoint.array_types import Array, Integers, floats
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.compatibility import check_columns, source_of
 from truejoint.calibration.fit import calibrate
@@ -23,35 +23,12 @@ from truejoint.errors import CalibrationError, other_kind
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.learn import Polynomial
 from truejoint.estimators.polynomial.run import of_degree
-from truejoint.features.feature_set import default_gap_limit
 from truejoint.files import read_small
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
-from truejoint.tip.accuracy import (
-    Split,
-    TipError,
-    likeliest,
-    over_workspace,
-    places,
-    refitted,
-    repeat_noise,
-    repeated,
-    split_residuals,
-    tip_error,
-)
+from truejoint.tip import accuracy
+from truejoint.tip.accuracy import Split, TipError, Trial
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.faults import (
-    Trial,
-    find_fault,
-    fit_loosely,
-    mirrored,
-    moved_against,
-    moved_amid,
-    off_the_tip,
-    renumbered,
-    scaled,
-    shift_of,
-)
 from truejoint.tip.fit import (
     SCALE,
     TipFit,
@@ -69,10 +46,12 @@ from truejoint.tip.terms import (
     TermsPrior,
     check_priors,
     learned_priors,
+    spread_of,
     wide_priors,
 )
 from truejoint.units import shown, with_unit
 
+_NOTHING: Final = np.empty(0)
 FEWEST: Final = 3
 """Touches that re-zero a calibration."""
 FEWEST_OF_BLOCK: Final = 2 * FEWEST
@@ -80,22 +59,18 @@ FEWEST_OF_BLOCK: Final = 2 * FEWEST
 _MISFIT: Final = 3.0
 """Squares of residuals, as a multiple of what is expected, beyond which nothing fits. Where block,
 arm and day are right they stay below two on ten arms whose errors are 2.5 times as stated."""
-_HOMING_SD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
-"""By how much a homing moves a zero, widely."""
 _MOVES: Final = 11.3  # chi-square of three freedoms that one block in a hundred exceeds at rest
 _MOVED: Final = (0.02, 3e-3)  # rad and m per axis by which a block is looked for elsewhere
 _UNNOTICED: Final = (3e-3, 3e-4)  # the same of a move that touches may not show
 _PASSES: Final = 0.5  # of a homing, which may be a move of the block
-_FARTHEST: Final = {"rad": np.deg2rad(3.0), "m": 3e-3}
-"""No homing moves a zero further; a block that has moved may look like one that does."""
+_FARTHEST: Final = 3.0
+"""No homing moves a zero by more, in `SPREAD`, but a block that has moved may seem to."""
 _ENLARGED: Final = 3.0  # times the training's errors, with which a block is first fitted
 _SPLITS: Final = 2  # rounds of choosing a prior and splitting the residuals
 _ROUNDS: Final = 5  # of moving the inputs of a model until its output fits
 REST: Final = 0.3
 """Time before a touch's stamp over which positions are averaged [s]."""
 _SLACK: Final = {"rad": 5e-4, "m": 5e-5}  # by which positions may move within `REST`
-
-
 _CALIBRATING: Final = 12  # touches of an unknown arm; half as many with a prior
 _FOLDS: Final = 6
 _FLAT: Final = 0.05  # of the touches' extent, below which they lie in a plane
@@ -278,12 +253,14 @@ def tip_rows(
     *,
     touch_sd: float = TOUCH_SD,
     offsets: bool = True,
+    joint_sd: Array = _NOTHING,
 ) -> TipRows:
     """Rows of touches with corrected positions, in an offset a joint, or in none.
 
-    `touch_sd` [m] is the standard deviation of a tip from its dimple, per axis. Raises
-    CalibrationError if the robot's kinematics are not known, columns are missing, or touches and
-    recording do not go together.
+    `touch_sd` [m] is the standard deviation of a tip from its dimple, per axis; `joint_sd`
+    (n_joints,) [rad or m] is what the calibration leaves of each joint, by default the errors of
+    its training. Raises CalibrationError if columns are missing, or touches and recording do not go
+    together.
     """
     if calibration.effort_baseline is None:
         raise CalibrationError(
@@ -299,7 +276,8 @@ def tip_rows(
     basis = np.tile(np.eye(n) if offsets else np.zeros((n, 0)), (len(touches), 1, 1))
     return TipRows.of(
         robot, at_rest(recording, touches, joint), calibration.joints, basis,
-        block.at(touches.dimple), touch_sd, calibration.effort_baseline.residual,
+        block.at(touches.dimple), touch_sd,
+        joint_sd if len(joint_sd) == n else calibration.effort_baseline.residual,
     )  # fmt: skip
 
 
@@ -330,26 +308,24 @@ def find_block(
     check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
     working = touches.among(block.references, are_in=False)
     check_count(working, FEWEST_OF_BLOCK, "find a block's pose")
-    rows = tip_rows(calibration, recording, working, block, touch_sd=touch_sd, offsets=False)
-    fit = fit_block(rows, block)
+    rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd, offsets=False)
+    dimple = np.array(touches.dimple)
+    fit = fit_block(rows.rows(~np.isin(dimple, list(block.references))), block)
     _check_misfit(fit, working)
     robot, state = recording.robot, fit.state
-    pose = BlockPose(
-        block, robot.name, robot.arm, state.rotation, state.translation, fit.covariance[:6, :6],
-        state.scale, float(fit.sd[9]), fit.rows.corrected_sd,
-        datetime.now(UTC).isoformat(timespec="seconds"), recording.provenance.homing_id,
-        str(calibration.metadata.get("data_sha256", "")),
-    )  # fmt: skip
-    if len(working) == len(touches):
-        return replace(pose, block=replace(block, references={})), fit
-    others = touches.among(block.references)
-    rows = tip_rows(calibration, recording, others, block, touch_sd=touch_sd, offsets=False)
     found = rows.point + rows.residual(state) / state.scale
     references = {
-        name: found[[other == name for other in others.dimple]].mean(axis=0)
-        for name in dict.fromkeys(others.dimple)
+        name: found[dimple == name].mean(axis=0)
+        for name in dict.fromkeys(touches.dimple)
+        if name in block.references
     }
-    return replace(pose, block=replace(block, references=references)), fit
+    pose = BlockPose(
+        replace(block, references=references), robot.name, robot.arm, state.rotation,
+        state.translation, fit.covariance[:6, :6], state.scale, float(fit.sd[9]),
+        fit.rows.corrected_sd, datetime.now(UTC).isoformat(timespec="seconds"),
+        recording.provenance.homing_id, str(calibration.metadata.get("data_sha256", "")),
+    )  # fmt: skip
+    return pose, fit
 
 
 def fit_block(rows: TipRows, block: Block) -> TipFit:
@@ -360,15 +336,18 @@ def fit_block(rows: TipRows, block: Block) -> TipFit:
     rows of the fit state them.
     """
     prior = terms_prior(rows, block, np.empty(0), np.empty(0))
-    loose = fit_loosely(rows.with_joint_sd(_ENLARGED * rows.corrected_sd), prior)
-    splits = split_residuals(loose, rows, np.arange(len(rows)), least=1.0)
-    return refitted(loose, rows, splits)
+    loose = accuracy.fit_loosely(rows.with_joint_sd(_ENLARGED * rows.corrected_sd), prior)
+    splits = accuracy.split_residuals(loose, rows, np.arange(len(rows)), least=1.0)
+    return accuracy.refitted(loose, rows, splits)
 
 
-def zero_prior(pose: BlockPose, offset_sd: Array) -> TipPrior:
-    """Prior of offsets, `offset_sd` (n_joints,) [rad or m] about 0, and of a block's pose."""
+def zero_prior(pose: BlockPose, offset_sd: Array, moved: Array | float = 0.0) -> TipPrior:
+    """Prior of offsets, `offset_sd` (n_joints,) [rad or m] about 0, and of a block's pose.
+
+    The block may have `moved` since that was found: the covariance (6, 6) of a move.
+    """
     start = TipState(np.zeros(len(offset_sd)), pose.rotation, pose.translation, scale=pose.scale)
-    precision = np.asarray(np.linalg.inv(pose.covariance))
+    precision = np.asarray(np.linalg.inv(pose.covariance + moved))
     return TipPrior.of(start, offset_sd, scale=pose.scale_sd, pose_precision=precision)
 
 
@@ -401,27 +380,28 @@ def zero_by_touch(
     check_count(touches, FEWEST, "re-zero")
     check_pose(calibration, pose)
     rezeroed = calibration.for_rezeroing
-    before = rezeroed.offset
+    before, homing = rezeroed.offset, spread_of(calibration.machine, calibration.joints)
     for _ in range(_ROUNDS):
-        rows = zero_rows(rezeroed, recording, touches, pose, touch_sd)
-        fit = _fit_bolted(rows, pose, touches, homing_sd(calibration))
+        rows = tip_rows(
+            rezeroed, recording, touches, pose.block, touch_sd=touch_sd, joint_sd=pose.joint_sd
+        )
+        fit = _fit_bolted(rows, pose, touches, homing)
         moved = fit.state.coefficients
-        for joint, offset in zip(calibration.joints, moved.tolist(), strict=True):
-            unit = recording.robot.joint(joint).unit
-            if abs(offset) > _FARTHEST[unit]:
-                raise CalibrationError(
-                    f"{touches.source}: the zero of {joint} would move by {shown(offset, unit)}, "
-                    "more than a homing does; has the block moved since its pose was found, or is "
-                    "the model of another arm?"
-                )
+        k = int(np.argmax(np.abs(moved) / homing))
+        if abs(moved[k]) > _FARTHEST * homing[k]:
+            joint = recording.robot.joint(calibration.joints[k])
+            raise CalibrationError(
+                f"{touches.source}: the zero of {joint.name} would move by "
+                f"{shown(float(moved[k]), joint.unit)}, more than a homing does; has the block "
+                "moved since its pose was found, or is the model of another arm?"
+            )
         rezeroed = rezeroed.shifted(moved)
         # Outputs whose inputs are moved go about as far, but not just as far.
         if rezeroed.moves is None or (np.abs(moved) < 0.1 * fit.sd[: len(moved)]).all():
             break
     offset = rezeroed.offset - before
     move = _unnoticed_move(fit, pose, touches, offset)
-    moving = replace(pose, covariance=pose.covariance + move)
-    loose = zero_prior(moving, np.full(len(offset), np.inf))
+    loose = zero_prior(pose, np.full(len(offset), np.inf), move)
     zero = Zero(
         offset,
         fit_rows(rows, loose, start=fit.state).sd[: len(offset)],
@@ -440,45 +420,10 @@ def zero_by_touch(
     return zero, fit
 
 
-def fit_zero(
-    calibration: Calibration,
-    recording: Recording,
-    touches: Touches,
-    pose: BlockPose,
-    offset_sd: Array | float,
-    touch_sd: float = TOUCH_SD,
-) -> TipFit:
-    """Fit the offset of each joint, expected within `offset_sd` [rad or m], to touches of a block.
-
-    Raises as `tip_rows` and `fit_rows`.
-    """
-    rows = zero_rows(calibration, recording, touches, pose, touch_sd)
-    return fit_rows(rows, zero_prior(pose, np.broadcast_to(offset_sd, len(rows.columns))))
-
-
-def zero_rows(
-    calibration: Calibration,
-    recording: Recording,
-    touches: Touches,
-    pose: BlockPose,
-    touch_sd: float,
-) -> TipRows:
-    """Rows of touches of a bolted block, with what the calibration leaves of each joint."""
-    rows = tip_rows(calibration, recording, touches, pose.block, touch_sd=touch_sd)
-    return rows.with_joint_sd(pose.joint_sd) if len(pose.joint_sd) == len(rows.columns) else rows
-
-
-def homing_sd(calibration: Calibration) -> Array:
-    """Deviation (n_joints,) by which a homing moves zeros, widely [rad or m]."""
-    machine = calibration.machine
-    return np.array([_HOMING_SD[machine.joint(name).unit] for name in calibration.joints])
-
-
 def _fit_bolted(rows: TipRows, pose: BlockPose, touches: Touches, homing: Array) -> TipFit:
     """Fit offsets to touches of a bolted block; refuse them, by name, if it has moved."""
-    point = pose.scale * rows.point.mean(axis=0)
-    still, loose = zero_prior(pose, homing), zero_prior(_loosened(pose, _MOVED), homing)
-    is_fixed = _is_reference(pose, touches)
+    point, since = pose.scale * rows.point.mean(axis=0), np.repeat(np.square(_MOVED), 3)
+    still = zero_prior(pose, homing)
 
     def words(fit: TipFit) -> str:
         now, then = (at.rotation @ point + at.translation for at in (fit.state, pose))
@@ -488,33 +433,23 @@ def _fit_bolted(rows: TipRows, pose: BlockPose, touches: Touches, homing: Array)
             "its pose anew with a fresh calibration"
         )
 
-    def check() -> None:
-        trials = chain(
-            [Trial(rows, loose, words)],
-            renumbered(rows, pose.block, touches.dimple, lambda _: still),
-            moved_against(rows, still, is_fixed, "the block") if is_fixed.any() else (),
-        )
-        if fault := find_fault(rows, still, trials, np.arange(len(rows))):
-            raise CalibrationError(f"{touches.source}: the points fit only {fault}")
-
+    working = ~np.isin(touches.dimple, list(pose.block.references))
+    against = [] if working.all() else [("against its references", working)]
+    trials = chain(
+        [Trial(rows, zero_prior(pose, homing, np.diag(since)), words)],
+        accuracy.renumbered(rows, pose.block, touches.dimple, lambda _: still),
+        accuracy.moved(rows, still, "the block", against),
+    )
+    trouble = None
     try:
         fit = fit_rows(rows, zero_prior(pose, np.full(len(homing), np.inf)))
         _check_misfit(fit, touches)
-    except CalibrationError:
-        check()
-        raise
-    check()
+    except CalibrationError as error:
+        trouble = error
+    accuracy.check_faults(touches.source, rows, still, trials, np.arange(len(rows)))
+    if trouble is not None:
+        raise trouble
     return fit
-
-
-def _loosened(pose: BlockPose, sd: tuple[float, float]) -> BlockPose:
-    """Pose of a block that may have turned and moved by `sd` [rad, m] per axis since."""
-    return replace(pose, covariance=pose.covariance + np.diag(np.repeat(np.square(sd), 3)))
-
-
-def _is_reference(pose: BlockPose, touches: Touches) -> Mask:
-    """Which touches (m,) are of references."""
-    return np.array([name in pose.block.references for name in touches.dimple])
 
 
 def _unnoticed_move(fit: TipFit, pose: BlockPose, touches: Touches, offset: Array) -> Array:
@@ -526,9 +461,9 @@ def _unnoticed_move(fit: TipFit, pose: BlockPose, touches: Touches, offset: Arra
     equations = fit.rows.equations(fit.state)
     way = (equations.by_joint[:, :, list(fit.rows.columns)] @ offset).mean(axis=0)
     seen = np.eye(3) * _UNNOTICED[1] ** 2 + np.outer(way, way) * _PASSES**2
-    still = _is_reference(pose, touches)
+    still = np.isin(touches.dimple, list(pose.block.references))
     if still.any() and not still.all():
-        off, information = shift_of(fit, ~still)
+        off, information = accuracy.shift_of(fit, ~still)
         # The references' own places were found by as many touches.
         white = whiten_rows(fit.rows, still, fit.state)
         turned = white.whitening.transpose(0, 2, 1) * white.weight[:, None, None]
@@ -681,9 +616,11 @@ def calibrate_by_touch(
     Raises
     ------
     CalibrationError
-        If kinematics or workspace are not known, touches are fewer than twelve (with a prior, six),
-        lie in a plane and there is no prior, come from one side, or do not fit, or the prior is of
-        another robot or of two arms.
+        If the workspace is not known, touches are fewer than twelve (with a prior, six), lie in a
+        plane and there is no prior, come from one side, or do not fit, or the prior is of another
+        robot or of two arms.
+    RobotError
+        If the kinematics are not known.
 
     Examples
     --------
@@ -694,13 +631,13 @@ def calibrate_by_touch(
     touches = touches.among(block.points)
     check_count(touches, fewest_touches(priors), "calibrate")
     terms = Terms.of_workspace(recording.robot)
-    features = features_of(recording, terms)
-    _check_spread(recording, touches, block, terms, features, is_flat_fine=bool(priors))
-    fitting = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
-    fit, is_learned = fitting.fit, fitting.is_learned
-    report = _report(touches, block, fitting, terms, recording.robot, has_priors=bool(priors))
+    shared, plays = terms.columns_of(recording)
+    _check_spread(touches, block, terms, at_rest(recording, touches, plays), priors)
+    fitting = fit_terms(recording, touches, block, terms, (shared, plays), priors, touch_sd)
+    fit = fitting.fit
+    report = _report(touches, block, fitting, terms, recording.robot)
     state, corrected_sd = fit.state, fit.rows.corrected_sd
-    correction = terms.basis(*terms.columns(features)) @ state.coefficients
+    correction = terms.basis(shared, plays) @ state.coefficients
     table = {"t": recording.t} | {c: recording.column(c) for c in recording.units}
     for k, joint in enumerate(terms.joints):
         table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
@@ -725,7 +662,7 @@ def calibrate_by_touch(
         truth="touch",
         touch={
             "touches": len(touches),
-            "prior": [prior.title for prior in priors] if is_learned else [],
+            "prior": [prior.title for prior in priors] if fitting.is_learned else [],
             "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
             "left_out_rms": report.left_out_rms,
             "tip_error": report.tip.rms,
@@ -745,21 +682,15 @@ def calibrate_by_touch(
     return calibration, report
 
 
-def features_of(recording: Recording, terms: Terms) -> Array:
-    """Features (n, k) of the terms; raises CalibrationError where columns are missing."""
-    names = recording.robot.joint_names
-    check_columns(recording, [f"measured/{n}" for n in names], "tip's place takes")
-    return terms.features.compute(recording, default_gap_limit([recording]))
-
-
 class TermsFit(NamedTuple):
     """Terms and a block's pose that fit touches, and what the residuals are made of."""
 
     fit: TipFit
-    is_learned: bool  # Whether the prior is of other calibrations
     splits: list[Split]
     place: Integers  # (m,), repeats of one place share a number
     noise: float  # Stated standard deviation of a touch, per axis [m]
+    has_priors: bool
+    is_learned: bool  # Whether the likeliest prior is of other calibrations
 
 
 def fit_terms(
@@ -767,7 +698,7 @@ def fit_terms(
     touches: Touches,
     block: Block,
     terms: Terms,
-    features: Array,
+    columns: tuple[Array, Array],
     priors: Sequence[Calibration],
     touch_sd: float = TOUCH_SD,
     *,
@@ -775,44 +706,43 @@ def fit_terms(
 ) -> TermsFit:
     """Fit terms and a block's pose to touches, under the likeliest prior.
 
-    `features` (n, k) are the terms', of the recording. The points themselves choose the prior, the
-    errors that joints keep and what a touch errs (empirical Bayes). Raises as `fit_rows` and
-    `resting`, and CalibrationError for a prior of another robot or arm and, if it `is_checked`, for
-    points that fit only if something is wrong with them, which is named.
+    `columns` are the terms', of the recording. The points themselves choose the prior, the errors
+    that joints keep and what a touch errs (empirical Bayes). Raises as `fit_rows` and `resting`,
+    and CalibrationError for a prior of another robot or arm and, if it `is_checked`, for points
+    that fit only if something is wrong with them, which is named.
     """
     robot = recording.robot
     check_priors(priors, robot)
     measured = recording.columns("measured", robot.joint_names)
-    shared, plays = terms.columns(features)
     rows = TipRows.of(
         robot, at_rest(recording, touches, measured), terms.joints,
-        at_rest(recording, touches, terms.basis(shared, plays)),
+        at_rest(recording, touches, terms.basis(*columns)),
         block.at(touches.dimple), touch_sd, LEFT * terms.scale,
     )  # fmt: skip
-    place = repeated(rows, at_rest(recording, touches, plays))
+    place = accuracy.repeated(rows, at_rest(recording, touches, columns[1]))
     learned = learned_priors(terms, priors, recording) if priors else []
     expected = [*learned, *wide_priors(terms)]
     candidates = [terms_prior(rows, block, *each) for each in expected]
-    widest = expected[len(learned)]
+    widest = len(learned)
     try:
-        fit = fit_loosely(rows, candidates[len(learned)])
+        fit = accuracy.fit_loosely(rows, candidates[widest])
         for _ in range(_SPLITS):
-            best = likeliest(fit, candidates)
+            best = accuracy.likeliest(fit, candidates)
             fit = fit_rows(fit.rows, candidates[best], start=fit.state)
-            splits = split_residuals(fit, rows, place)
-            fit = refitted(fit, rows, splits)
+            splits = accuracy.split_residuals(fit, rows, place)
+            fit = accuracy.refitted(fit, rows, splits)
     except CalibrationError as error:
         if is_checked:
-            _check_points(rows, touches, block, widest, place, str(error))
+            _check_points(rows, touches, block, expected[widest], place, str(error))
         raise
     is_learned = best < len(learned)
     if is_checked:
-        widest = expected[best] if is_learned else widest
-        steep = _steep_slope(fit, terms, widest)
+        prior = expected[best if is_learned else widest]
+        steep = _steep_slope(fit, terms, prior)
         is_odd = bool(steep) or fit.rows.point_sd > _ODD * touch_sd
         how = {"is_odd": is_odd, "is_sized": is_learned}
-        _check_points(rows, touches, block, widest, place, steep, **how)
-    return TermsFit(fit, is_learned, splits, place, touch_sd)
+        _check_points(rows, touches, block, prior, place, steep, **how)
+    return TermsFit(fit, splits, place, touch_sd, bool(priors), is_learned)
 
 
 def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
@@ -847,15 +777,15 @@ def _check_points(
     prior = prior_of(rows)
     advice = "measure the print and enter measured_mm" if block.robot else "check the tracker"
     what = "the block" if block.robot else "the tracker"
-    trials = [off_the_tip(rows, prior), moved_amid(rows, prior, touches.t, what)]
+    moves = accuracy.moved(rows, prior, what, accuracy.halves(touches.t))
+    trials = [accuracy.off_the_tip(rows, prior), *moves]
     if is_sized:
-        trials.append(scaled(rows, prior, advice))
+        trials.append(accuracy.scaled(rows, prior, advice))
     if is_odd:
-        trials.append(mirrored(rows, block, prior_of))
+        trials.append(accuracy.mirrored(rows, block, prior_of))
     if is_odd and block.robot:
-        trials.append(renumbered(rows, block, touches.dimple, prior_of))
-    if fault := find_fault(rows, prior, chain(*trials), place):
-        raise CalibrationError(f"{touches.source}: the points fit only {fault}")
+        trials += accuracy.renumbered(rows, block, touches.dimple, prior_of)
+    accuracy.check_faults(touches.source, rows, prior, trials, place)
     if trouble:
         raise CalibrationError(f"{touches.source}: {trouble}")
 
@@ -872,57 +802,50 @@ def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior
 
 
 def _check_spread(
-    recording: Recording,
-    touches: Touches,
-    block: Block,
-    terms: Terms,
-    features: Array,
-    *,
-    is_flat_fine: bool,
+    touches: Touches, block: Block, terms: Terms, plays: Array, priors: Sequence[Calibration]
 ) -> None:
-    """Refuse touches in one plane, unless `is_flat_fine`, and those that come from one side."""
-    source, point = touches.source, block.at(touches.dimple)
-    plays = terms.columns(at_rest(recording, touches, features))[1]
+    """Refuse touches in one plane, unless there are `priors`, and those that come from one side.
+
+    `plays` (m, n_joints, n_widths) are as of `Terms.columns`.
+    """
+    point = block.at(touches.dimple)
     extent = np.linalg.svd(point - point.mean(axis=0), compute_uv=False)
-    if extent[2] < _FLAT * extent[0] and not is_flat_fine:
+    if extent[2] < _FLAT * extent[0] and not priors:
         raise CalibrationError(
-            f"{source}: all touches lie in one plane, which leaves slopes and a turn open; "
+            f"{touches.source}: all touches lie in one plane, which leaves slopes and a turn open; "
             "touch stairs (truejoint touch block), or give a prior (--prior)"
         )
     for joint, rising in zip(terms.joints, (plays < 0.0).mean(axis=(0, 2)), strict=True):
         if not _SIDED <= rising <= 1.0 - _SIDED:
             raise CalibrationError(
-                f"{source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} of the "
-                "touches, which hides what its cable loses; come from both"
+                f"{touches.source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} "
+                "of the touches, which hides what its cable loses; come from both"
             )
 
 
 def _report(
-    touches: Touches, block: Block, fitting: TermsFit, terms: Terms, robot: Robot, *,
-    has_priors: bool,
-) -> TouchReport:  # fmt: skip
+    touches: Touches, block: Block, fitting: TermsFit, terms: Terms, robot: Robot
+) -> TouchReport:
     fit, splits = fitting.fit, fitting.splits
     rows, off, inlier = fit.rows, _held_out_errors(fit, fitting.place), ~fit.left_out
     uncorrected = replace(fit.state, coefficients=np.zeros(len(fit.state.coefficients)))
     tip = rows.tool_points(uncorrected)[1]
     turn, shift = align(tip[inlier], rows.point[inlier] * block.scale)
-    zero_sd = fit.sd[terms.zeros] * terms.scale
-    before = (tip - shift) @ turn - rows.point * block.scale
-    everywhere, reach = over_workspace(fit, robot)
-    is_measured = repeat_noise(fit, fitting.place)[1] >= _MEASURED
+    everywhere, reach = accuracy.over_workspace(fit, robot)
+    near = np.repeat(rows.joint[inlier], 4, axis=0)
     return TouchReport(
         touches=touches,
         fit=fit,
         left_out_rms=float(np.sqrt((off[inlier] ** 2).sum(axis=1).mean())),
-        tip=tip_error(fit, splits, places(fit, terms, np.repeat(rows.joint[inlier], 4, axis=0))),
-        workspace=tip_error(fit, splits, places(fit, terms, everywhere)),
+        tip=accuracy.tip_error(fit, splits, terms, near),
+        workspace=accuracy.tip_error(fit, splits, terms, everywhere),
         reach=reach,
-        is_measured=is_measured,
+        is_measured=accuracy.repeat_noise(fit, fitting.place)[1] >= _MEASURED,
         stated_noise=fitting.noise,
-        zero_sd=zero_sd,
-        not_seen=tuple(_unseen(block, fitting, terms, has_priors=has_priors)),
+        zero_sd=fit.sd[terms.zeros] * terms.scale,
+        not_seen=tuple(_unseen(block, fitting, terms)),
         point=rows.point,
-        before=before,
+        before=(tip - shift) @ turn - rows.point * block.scale,
         left_out=off,
     )
 
@@ -940,7 +863,7 @@ def _held_out_errors(fit: TipFit, place: Integers) -> Array:
     return errors
 
 
-def _unseen(block: Block, fitting: TermsFit, terms: Terms, *, has_priors: bool) -> list[str]:
+def _unseen(block: Block, fitting: TermsFit, terms: Terms) -> list[str]:
     """Say in words what the touches did not show, and how far off it may be."""
     fit = fitting.fit
     words = []
@@ -979,6 +902,6 @@ def _unseen(block: Block, fitting: TermsFit, terms: Terms, *, has_priors: bool) 
             f"noise: the residuals say {with_unit(noise, 'm')} per axis, not "
             f"{with_unit(fitting.noise, 'm')} as stated"
         )
-    if has_priors and not fitting.is_learned:
+    if fitting.has_priors and not fitting.is_learned:
         words.append("the prior: the touches are likelier without it, so it was not used")
     return words

@@ -8,14 +8,19 @@ the joints and the delay of the tracker are estimated together, by robust least 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.signal import medfilt
 from scipy.spatial.transform import Rotation
 
+from truejoint import schema
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.recordings.join.joining import (
@@ -26,29 +31,42 @@ from truejoint.recordings.join.joining import (
 )
 from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import EPOCH, Recording, as_recording, runs
-from truejoint.recordings.table.stream import Stream
+from truejoint.recordings.table.stream import GAP_STEPS, Stream
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
+from truejoint.schema import Bounds, Key, Positive, Shape
 from truejoint.summary import Summarised, json_values
 from truejoint.tip.fit import (
     GATE,
-    MARKER,
     NORM_MEDIAN,
-    POSE,
+    Settled,
+    TipPrior,
     TipRows,
-    known_kinematics,
+    TipState,
+    Whitened,
+    align,
+    cross_matrix,
+    gauss_newton,
+    huber,
+    inverted,
     pose_matrix,
 )
-from truejoint.tip.track_fit import (
-    Registration,
-    TrackedMotion,
-    TrackFit,
-    TrackStart,
-    fit_track,
-)
+from truejoint.tip.terms import TRACKED, TRACKED_ZERO, Terms
+from truejoint.toml_file import read_toml
 from truejoint.units import display_unit
 
+# A joint that moves less is held: its motor shows its cable, and no motion of the tool.
+_HELD: Final = {"rad": 0.1, "m": 5e-3}
+_OTHER_SD: Final = {"rad": 0.02, "m": 1e-3}  # of a joint that is not to be found, on its motor
+_DELAY_SD: Final = 10.0  # s
+_MARKER_SD: Final = 0.05  # m, of a marker of which nothing is stated
+_FEWEST: Final = 50  # readings of the recording's time
+_MOST_READINGS: Final = 4000  # that the fit takes, spread over the motion
+_STEPS: Final = 40
+_SETTLED: Final = 1e-2  # of a parameter's standard deviation
+_PARTS: Final = 20  # of the motion, whose differences give the covariance
+_MIRROR: Final = 0.25  # share of the residual that is left when the points are mirrored
 _UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point
 _MOST_STRAYS: Final = 1 / 3
@@ -60,6 +78,12 @@ _SHOWN: Final = 3  # stretches or jumps in a message
 _JUMP: Final = 10.0  # deviations of a single reading, by which the next ones are elsewhere
 _SMOOTH: Final = 2.0  # times that deviation, by which they are off where a fit is no good
 _LIKE: Final = 30.0  # the tool's way and the points' are at most this many times each other
+_WORDS: Final = (
+    *(f"a turn of the base about its {axis} axis" for axis in "xyz"),
+    *(f"a shift of the base along {axis}" for axis in "xyz"),
+    *(f"the marker's place along {axis} of its link" for axis in "xyz"),
+)
+"""A frame's pose and a marker's place, in the order of `TipState.names`."""
 
 
 class Stretch(NamedTuple):
@@ -77,6 +101,73 @@ class Stretch(NamedTuple):
             f"{self.begin:.1f} to {self.end:.1f} s: {self.readings} readings "
             f"{1e3 * self.distance:.1f} mm off, {what}"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a person knows of a tracker beside a robot.
+
+    Attributes
+    ----------
+    base : ndarray, shape (4, 4), optional
+        Pose of the robot's base frame in the tracker's [m]; None where it is to be found.
+    base_sd : ndarray, shape (6,)
+        Standard deviations of it about and along the axes of the base [rad, then m].
+    touched : ndarray, shape (n, 2, 3)
+        Points of the base that the tracker has seen, in the base's frame and in the tracker's [m].
+    touched_sd : float
+        Per axis [m].
+    link : str
+        Joint whose link carries the marker; empty for the tool behind the last one.
+    marker : ndarray, shape (3,), optional
+        Place of the marker in the frame of that link [m].
+    marker_sd : ndarray, shape (3,)
+        [m].
+    stops : mapping
+        By joint, its measured and its true position where that is known, at a hard stop or in a
+        fixture, and the standard deviation [rad or m].
+
+    Examples
+    --------
+    >>> Registration(marker=np.zeros(3), stops={"shoulder": (0.01, 0.0, 0.001)}).base is None
+    True
+    """
+
+    base: Array | None = None
+    base_sd: Array = field(default_factory=lambda: np.full(6, np.inf))
+    touched: Array = field(default_factory=lambda: np.empty((0, 2, 3)))
+    touched_sd: float = 1e-3
+    link: str = ""
+    marker: Array | None = None
+    marker_sd: Array = field(default_factory=lambda: np.full(3, _MARKER_SD))
+    stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        shapes = {"base": (4, 4), "base_sd": (6,), "marker": (3,), "marker_sd": (3,)}
+        for name, shape in shapes.items():
+            if (value := getattr(self, name)) is not None and np.shape(value) != shape:
+                raise CalibrationError(
+                    f"registration: {name} is of shape {np.shape(value)}; it must be {shape}"
+                )
+        if len(self.touched) and self.base is not None:
+            raise CalibrationError(
+                "registration: it states the base's pose and touched points; leave one of them out"
+            )
+
+    def known_base(self) -> tuple[Array | None, Array]:
+        """Pose (4, 4) of the tracker in the robot's base [m], None where nothing says it.
+
+        And what is known of it, the inverse covariance (6, 6) of a turn about and a shift along the
+        axes of the base. Raises CalibrationError if touched points lie in a line.
+        """
+        if self.base is not None:
+            return np.asarray(np.linalg.inv(self.base)), np.diag(self.base_sd**-2.0)
+        if not len(self.touched):
+            return None, np.zeros((6, 6))
+        ours, theirs = self.touched[:, 0], self.touched[:, 1]
+        pose = pose_matrix(*align(ours, theirs))
+        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
+        return pose, np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,22 +336,22 @@ def tracked_truth(
     motion = TrackedMotion.of(recording, chain, names)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
     about = _coarse_offset(motion, track, near, begins) if offset is None else offset - begins
-    start = TrackStart.of(registration, motion, track, about, delayed=offset is None)
-    fit = fit_track(motion, track, start)
+    base, prior, near_track = start_of(registration, motion, track, about, delayed=offset is None)
+    fit = fit_track(motion, near_track, prior, about)
     _check_seen(track.source, fit, motion)
-    rows, inlier, strays, stretches = _judge(motion, track, start, fit)
+    rows, inlier, strays, stretches = _judge(motion, near_track, fit)
     truth, noise_sd, pose_sd = _solve(rows, fit)
     columns = {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
-    sd, by = (math.nan, ()) if offset is not None else (float(fit.sds("delay")[0]), ("the tool",))
+    delay_sd, *sds = fit.sd[len(fit.state.coefficients) - 1 :]
+    sd, by = (math.nan, ()) if offset is not None else (float(delay_sd), ("the tool",))
     clock = ClockOffset(fit.offset + begins, sd, by)
     joined, _ = join_truth(recording, Stream(track.t[inlier], columns), clock.seconds)
     registered = Registered(
-        base_from_tracker=pose_matrix(fit.state.rotation, fit.state.translation)
-        @ start.base_from_tracker,
-        base_sd=fit.sds(*POSE),
+        base_from_tracker=pose_matrix(fit.state.rotation, fit.state.translation) @ base,
+        base_sd=np.array(sds[:6]),
         link=link,
         link_from_marker=pose_matrix(fit.state.turn, fit.state.marker),
-        marker_sd=fit.sds(*MARKER),
+        marker_sd=np.array(sds[6:9]),
         clock=clock,
         noise=fit.noise,
         joints=names,
@@ -277,9 +368,9 @@ def tracked_truth(
 def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
     """Kinematics of what carries a marker, and the joint that moves it; the tool without a `link`.
 
-    Raises CalibrationError where kinematics are not known, or are not those of a chain.
+    Raises RobotError where kinematics are not known, CalibrationError if they are of no chain.
     """
-    kinematics = known_kinematics(robot)
+    kinematics = robot.known_kinematics("a marker on the tool")
     if not link:
         return kinematics, robot.joint_names[-1]
     if not isinstance(kinematics, SerialChain):
@@ -325,22 +416,15 @@ def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begi
     return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), about)
 
 
-_WORDS: Final = {
-    **{f"turn {axis}": f"a turn of the base about its {axis} axis" for axis in "xyz"},
-    **{f"shift {axis}": f"a shift of the base along {axis}" for axis in "xyz"},
-    **{f"marker {axis}": f"the marker's place along {axis} of its link" for axis in "xyz"},
-}
-
-
 def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
     """Refuse a motion that leaves the zero of a joint open; say what it is mixed up with."""
-    sds, open_ = np.sqrt(np.diag(fit.covariance)), []
-    places = [fit.state.names.index(parameter) for parameter in _WORDS]
+    k, sd, open_ = len(fit.state.coefficients), fit.sd, []
+    places = slice(k, k + len(_WORDS))
     for name, zero in zip(motion.terms.joints, motion.terms.zeros, strict=True):
-        if sds[zero] > _UNSEEN * motion.sd[zero]:
-            scale = np.maximum(sds[zero] * sds[places], 1e-300)
+        if sd[zero] > _UNSEEN * motion.sd[zero]:
+            scale = np.maximum(sd[zero] * sd[places], 1e-300)
             alike = int(np.argmax(np.abs(fit.covariance[zero, places]) / scale))
-            open_.append(f"the zero of {name} from {list(_WORDS.values())[alike]}")
+            open_.append(f"the zero of {name} from {_WORDS[alike]}")
     if open_:
         raise CalibrationError(
             f"{source}: the motion does not tell {', nor '.join(open_)}; state what is known in a "
@@ -350,7 +434,7 @@ def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
 
 
 def _judge(
-    motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit
+    motion: TrackedMotion, track: Track, fit: TrackFit
 ) -> tuple[TipRows, Mask, int, tuple[Stretch, ...]]:
     """Tell inliers from strays, and from stretches of time in which most readings stray.
 
@@ -358,7 +442,7 @@ def _judge(
     stretches. Refuses points that do not follow the tool, and says when they leave it.
     """
     stamps, noise = track.t + fit.offset, max(fit.noise, _FINEST)
-    rows, state = motion.rows(stamps, start.point), fit.without_delay
+    rows, state = motion.rows(stamps, track.position), fit.state
     off = -rows.residual(state) @ state.rotation.T  # in the base's axes
     inside = motion.inside(stamps)
     stray = inside & (np.linalg.norm(off, axis=1) >= GATE * noise)
@@ -410,40 +494,35 @@ def _stretches(
     `shift` (n, 3) [m] on the marker's link, another marker is seen. Two such stretches that follow
     each other are one, even if a fit that bends to them has no outlier between.
     """
+
+    def off(rows: Integers) -> tuple[Array, float, bool]:
+        """Median (3,) of the shifts [m], their median length, and whether all are alike."""
+        middle = np.median(shift[rows], axis=0)
+        distance, spread = (
+            float(np.median(np.linalg.norm(shift[rows] - origin, axis=1)))
+            for origin in (0.0, middle)
+        )
+        return middle, distance, spread < max(GATE * noise, _ALIKE * distance)
+
     parts: list[Integers] = []
     most = medfilt(stray.astype(np.float64), _RUN)
     for first, end in runs(np.convolve(most, np.ones(_RUN), "same") > 0.0):
         rows = first + np.flatnonzero(stray[first:end])
-        if parts and _is_one(parts[-1], rows, shift, noise):
-            rows = np.concatenate([parts.pop(), rows])
+        if parts:
+            before, (middle, distance, is_alike) = off(parts[-1]), off(rows)
+            is_near = rows[0] - parts[-1][-1] < max(np.ptp(rows), np.ptp(parts[-1]))
+            between = np.linalg.norm(middle - before[0])
+            is_same = between < max(GATE * noise, _ALIKE * distance)
+            if is_near and before[2] and is_alike and is_same:
+                rows = np.concatenate([parts.pop(), rows])
         parts.append(rows)
     within, stretches = np.zeros(len(t), dtype=np.bool_), []
     for rows in parts:
         whole = slice(rows[0], rows[-1] + 1)
         within[whole] = True
         begin, end = t[rows[[0, -1]]].tolist()
-        count = int(inside[whole].sum())
-        _, distance, is_alike = _off(shift[rows], noise)
-        stretches.append(Stretch(begin, end, count, distance, is_alike))
+        stretches.append(Stretch(begin, end, int(inside[whole].sum()), *off(rows)[1:]))
     return tuple(stretches), within
-
-
-def _off(shift: Array, noise: float) -> tuple[Array, float, bool]:
-    """Median (3,) of shifts (n, 3) [m], their median length, and whether all are alike."""
-    middle = np.median(shift, axis=0)
-    distance, spread = (
-        float(np.median(np.linalg.norm(off, axis=1))) for off in (shift, shift - middle)
-    )
-    return middle, distance, spread < max(GATE * noise, _ALIKE * distance)
-
-
-def _is_one(before: Integers, rows: Integers, shift: Array, noise: float) -> bool:
-    """Whether two stretches, the second not long after the first, are off by the same."""
-    first, second = _off(shift[before], noise), _off(shift[rows], noise)
-    is_near = rows[0] - before[-1] < max(np.ptp(rows), np.ptp(before))
-    between = np.linalg.norm(second[0] - first[0])
-    is_same = between < max(GATE * noise, _ALIKE * second[1])
-    return bool(is_near and first[2] and second[2] and is_same)
 
 
 def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, Array, Array]:
@@ -451,16 +530,343 @@ def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, Array, Array]:
 
     From the point alone, which tells more than an orientation.
     """
-    columns, state = list(rows.columns), fit.without_delay
-    joint = rows.corrected(state)
-    bare = replace(state, coefficients=np.zeros_like(state.coefficients))
+    columns, k = list(rows.columns), len(fit.state.coefficients)
+    joint, bare = rows.corrected(fit.state), replace(fit.state, coefficients=np.zeros(k))
     for _ in range(_SOLVES):
         equations = replace(rows, joint=joint).equations(bare)
         back = np.linalg.pinv(equations.by_joint[:, :, columns])
         joint[:, columns] -= (back @ equations.residual[:, :, None])[:, :, 0]
-    k = len(state.coefficients)
     moved = back @ equations.by_parameter[:, :, k:]
     together = np.einsum("mia,ab,mib->mi", moved, fit.covariance[k:, k:], moved)
     single = fit.noise**2 * (back**2).sum(axis=2)
-    sds = [np.sqrt(variance.mean(axis=0)) for variance in (single, together)]
-    return joint[:, columns], sds[0], sds[1]
+    noise_sd, pose_sd = (np.sqrt(variance.mean(axis=0)) for variance in (single, together))
+    return joint[:, columns], noise_sd, pose_sd
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedMotion:
+    """Motion of the tool by a recording, and the terms of the joints' corrections, by row."""
+
+    t: Array  # (n,), [s]
+    kinematics: Kinematics  # Of what carries the marker
+    terms: Terms
+    columns: tuple[int, ...]  # Joints whose truth is sought
+    joint: Array  # (n, n_joints), all joints [rad or m]
+    shared: Array  # Columns of the terms
+    plays: Array  # Columns of the terms
+    velocity: Array  # Of the joints that are sought [rad/s or m/s]
+    sd: Array  # (k + 1,), prior deviations of the terms' coefficients, and of the delay [s]
+    joint_sd: Array  # (n_joints,), of the joints that are not sought [rad or m]; 0 of the others
+
+    @classmethod
+    def of(
+        cls, recording: Recording, kinematics: Kinematics, joints: Sequence[str]
+    ) -> TrackedMotion:
+        """Motion of a recording; raises CalibrationError if one of the `joints` stands still."""
+        robot, measured = recording.robot, recording.joints_of("measured")
+        joint = np.tile(robot.home, (len(recording), 1))
+        for k, name in enumerate(robot.joint_names):
+            if name in measured:
+                joint[:, k] = recording.column(f"measured/{name}")
+                if name not in joints and np.ptp(joint[:, k]) < _HELD[robot.joint(name).unit]:
+                    joint[:, k] = joint[:, k].mean()
+        terms, columns = Terms.of_motion(recording, joints), robot.index(joints)
+        shared, plays = terms.columns(terms.features.compute(recording))
+        sd = terms.sds({"zero": 0.0, **TRACKED})
+        sd[terms.zeros] = [TRACKED_ZERO[robot.joint(name).unit] for name in joints] / terms.scale
+        velocity = np.gradient(joint[:, columns], recording.t, axis=0)
+        joint_sd = np.array([0.0 if j.name in joints else _OTHER_SD[j.unit] for j in robot.joints])
+        return cls(
+            recording.t, kinematics, terms, tuple(columns), joint, shared, plays, velocity,
+            np.append(sd, _DELAY_SD), joint_sd,
+        )  # fmt: skip
+
+    @property
+    def path(self) -> Array:
+        """Place of the tool by the measured joints (n, 3) [m]."""
+        return np.asarray(self.kinematics.forward(self.joint)[:, :3, 3])
+
+    def inside(self, stamps: Array) -> Mask:
+        """Which stamps (m,) lie within the recording, and in no gap of it."""
+        after = np.clip(np.searchsorted(self.t, stamps), 1, len(self.t) - 1)
+        step = self.t[after] - self.t[after - 1]
+        within = (stamps >= self.t[0]) & (stamps <= self.t[-1])
+        return np.asarray(within & (step <= GAP_STEPS * np.median(np.diff(self.t))))
+
+    def at(self, stamps: Array, values: Array) -> Array:
+        """Values (n, ...) of the rows, interpolated at stamps (m,) [s]: (m, ...)."""
+        flat = values.reshape(len(values), -1).T
+        columns = np.column_stack([np.interp(stamps, self.t, column) for column in flat])
+        return columns.reshape(len(stamps), *values.shape[1:])
+
+    def rows(self, stamps: Array, points: Array, quaternion: Array | None = None) -> TipRows:
+        """Rows of points (m, 3) [m], and orientations (m, 4), seen at stamps (m,) [s]."""
+        basis = self.terms.basis(self.at(stamps, self.shared), self.at(stamps, self.plays))
+        basis = np.dstack([basis, self.at(stamps, self.velocity)])
+        turns = None if quaternion is None else Rotation.from_quat(quaternion).as_matrix()
+        joint = self.at(stamps, self.joint)
+        return TipRows(
+            self.kinematics, joint, self.columns, basis, points, 1.0, self.joint_sd, turns
+        )
+
+
+def start_of(
+    registration: Registration, motion: TrackedMotion, track: Track, offset: float, *, delayed: bool
+) -> tuple[Array, TipPrior, Track]:
+    """Give the tracker's pose (4, 4), nearly, the prior of a fit, and the track in that base.
+
+    The `offset` of the clocks [s] counts as stated if not `delayed`; the delay [s] is the last
+    coefficient. Raises CalibrationError if the readings are of another time or of a left-handed
+    frame, or the registration states one thing twice.
+    """
+    stamps = track.t + offset
+    inside = motion.inside(stamps)
+    if inside.sum() < _FEWEST:
+        raise CalibrationError(
+            f"{track.source}: {int(inside.sum())} of {len(track)} readings are of the "
+            "recording's time; is it the same motion? State the offset of the clocks "
+            "(--offset-s), or about (--near-s)"
+        )
+    marker = np.zeros(3) if registration.marker is None else registration.marker
+    poses = motion.kinematics.forward(motion.at(stamps[inside], motion.joint))
+    tip, point = poses[:, :3, 3] + poses[:, :3, :3] @ marker, track.position[inside]
+    as_it_is, mirrored = (
+        Rotation.align_vectors(tip - tip.mean(axis=0), sign * (point - point.mean(axis=0)))[1]
+        for sign in (1.0, -1.0)
+    )
+    if mirrored**2 < _MIRROR * as_it_is**2:
+        raise CalibrationError(
+            f"{track.source}: the points fit the tool only when mirrored: the tracker's frame is "
+            "left-handed; change the sign of one of its axes"
+        )
+    base, pose_precision = registration.known_base()
+    if base is None:
+        base = pose_matrix(*align(tip, point))
+    turned, turn = None, np.eye(3)
+    if track.orientation is not None:
+        rotation = Rotation.from_matrix(base[:3, :3]) * Rotation.from_quat(track.orientation)
+        turned, on_link = rotation.as_quat(), Rotation.from_matrix(poses[:, :3, :3]).inv()
+        turn = (on_link * rotation[inside]).mean().as_matrix()
+    coefficients, precision = _with_stops(registration, motion)
+    prior = TipPrior.of(
+        TipState(coefficients, marker=marker, turn=turn),
+        motion.sd,
+        marker=registration.marker_sd,
+        pose_precision=pose_precision,
+    )
+    n, free = len(coefficients), prior.free.copy()
+    prior.precision[:n, :n] = precision
+    free[n - 1], free[-3:] = delayed, turned is not None
+    moved = track.position @ base[:3, :3].T + base[:3, 3]
+    return base, replace(prior, free=free), replace(track, position=moved, orientation=turned)
+
+
+def _with_stops(registration: Registration, motion: TrackedMotion) -> tuple[Array, Array]:
+    """Coefficients that cables and stops make one expect, and their precision."""
+    precision, terms = np.diag(motion.sd**-2.0), motion.terms
+    pull = np.zeros(len(precision))
+    for name, (measured, true, sd) in registration.stops.items():
+        if name not in terms.joints:
+            raise CalibrationError(
+                f"registration: a stop of {name}, which is none of the joints to be found: "
+                f"{', '.join(terms.joints)}; leave it out"
+            )
+        k = terms.joints.index(name)
+        stop = terms.centre.copy()
+        stop[k] = measured
+        row = np.append(terms.basis_at(stop[None])[0, k], 0.0)
+        precision += np.outer(row, row) / sd**2
+        pull += row * (true - measured) / sd**2
+    return np.asarray(np.linalg.solve(precision, pull), dtype=np.float64), precision
+
+
+class TrackFit(NamedTuple):
+    """Parameters that fit the readings."""
+
+    state: TipState  # The last coefficient, the delay, is 0
+    offset: float  # Of the clocks, the delay included [s]
+    noise: float  # Standard deviation of the points, per axis [m]
+    covariance: Array  # (n, n), of the state's parameters and the delay
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations (n,) of the parameters."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def fit_track(motion: TrackedMotion, track: Track, prior: TipPrior, offset: float) -> TrackFit:
+    """Fit to readings spread over the motion; rows are taken anew after the delay is estimated."""
+    state, place = prior.state, len(prior.state.coefficients) - 1
+    for _ in range(3):
+        inside = np.flatnonzero(motion.inside(track.t + offset))
+        seen = track.rows(inside[:: -(-len(inside) // _MOST_READINGS)])
+        fit = _fit(
+            motion, motion.rows(seen.t + offset, seen.position, seen.orientation), prior, state
+        )
+        delay = float(fit.state.coefficients[place])
+        offset += delay
+        coefficients = np.append(fit.state.coefficients[:place], 0.0)
+        state = replace(fit.state, coefficients=coefficients)
+        if abs(delay) < 0.1 * fit.sd[place] or abs(delay) < 1e-5:
+            break
+    return fit._replace(state=state, offset=offset)
+
+
+def _fit(motion: TrackedMotion, rows: TipRows, prior: TipPrior, state: TipState) -> TrackFit:
+    """Fit to rows whose noise is estimated from their residuals.
+
+    Neighbouring residuals share what the terms cannot follow, so several count as one: by the
+    variance of parts of the motion against that of single readings. At first no outlier is dropped,
+    as all may be far off.
+    """
+    alike = np.ones(1 if rows.orientation is None else 2)
+
+    def whiten(gate: float, alike: Array, at: TipState) -> Whitened:
+        """Equations in deviations; so many `alike` count as one, and outliers for nothing."""
+        equations = rows.equations(at)
+        length, noise = _lengths(equations.residual)
+        distance = (length / noise).max(axis=1)
+        sd = np.repeat(noise * np.sqrt(alike), 3)
+        weight = huber(distance) * (distance <= gate)
+        return Whitened.of(equations, equations.whitening(rows.joint_sd, sd), weight)
+
+    for gate in (math.inf, GATE, GATE):
+        weighed = partial(whiten, gate, alike)
+        settled = gauss_newton(prior, state, weighed, most_steps=_STEPS, tolerance=_SETTLED)
+        state, residual = settled.state, settled.whitened.equations.residual
+        length, noise = _lengths(residual)
+        near = residual[(length / noise).max(axis=1) <= GATE].reshape(-1, len(alike), 3)
+        means = np.array([near[part].mean(axis=0) for part in _parts(len(near))])
+        share = len(near) / _PARTS * np.mean(means**2, axis=(0, 2)) / np.mean(near**2, axis=(0, 2))
+        alike = np.maximum(1.0, share)
+    covariance = _covariance(settled, prior)
+    # Friction may pass for a delay: as much as the plays explain would be taken for one.
+    free, delay = np.flatnonzero(prior.free), len(state.coefficients) - 1
+    if prior.free[delay]:
+        plays = np.flatnonzero(np.array(motion.terms.kinds) == "play")
+        rest = np.setdiff1d(free, plays)
+        effect = settled.normal[np.ix_(rest, plays)] @ state.coefficients[plays]
+        passed = inverted(settled.normal[np.ix_(rest, rest)], prior, rest) @ effect
+        covariance[delay, delay] += float(passed[np.searchsorted(rest, delay)]) ** 2
+    return TrackFit(state, 0.0, float(noise[0]), covariance)
+
+
+def _lengths(residual: Array) -> tuple[Array, Array]:
+    """Lengths (m, 1 or 2) of the residuals of points and turns, and their robust deviations."""
+    length = np.linalg.norm(residual.reshape(len(residual), -1, 3), axis=2)
+    return length, np.asarray(np.maximum(np.median(length, axis=0) / NORM_MEDIAN, 1e-12))
+
+
+def _parts(m: int) -> list[slice]:
+    """Rows of consecutive parts of the motion."""
+    return [slice(a, b) for a, b in pairwise(np.linspace(0, m, _PARTS + 1).astype(int))]
+
+
+def _covariance(settled: Settled, prior: TipPrior) -> Array:
+    """Covariance (n, n) of the parameters, by how much parts of the motion differ.
+
+    Delete-a-group jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 11)
+    in linear form, and what the prior's own uncertainty adds.
+    """
+    free, white = np.flatnonzero(prior.free), settled.whitened
+    block = np.ix_(free, free)
+    root = np.sqrt(white.weight)
+    residual, jacobian = root[:, None] * white.residual, root[:, None, None] * white.jacobian
+    steps = []
+    for rows in _parts(len(residual)):
+        flat = jacobian[rows].reshape(-1, len(prior.free))
+        pull = flat.T @ residual[rows].ravel()
+        steps.append(np.linalg.solve((settled.normal - flat.T @ flat)[block], pull[free]))
+    off = np.array(steps) - np.mean(steps, axis=0)
+    inverse = inverted(settled.normal[block], prior, free)
+    covariance = np.zeros_like(settled.normal)
+    covariance[block] = (_PARTS - 1) / _PARTS * off.T @ off
+    covariance[block] += inverse @ prior.precision[block] @ inverse
+    return covariance
+
+
+_Point = Annotated[Array, Shape((3,))]
+_Above = Bounds(0.0, above=True)
+
+
+class _Base(NamedTuple):
+    position: Annotated[_Point, Key("position_mm", 1e-3)]
+    quaternion: Annotated[Array, Shape((4,))]
+    sd: Annotated[float, _Above, Key("sd_mm", 1e-3)]
+    turn_sd: Annotated[float, _Above, Key("sd_deg", math.pi / 180.0)]
+
+
+class _Marker(NamedTuple):
+    link: str = ""
+    position: Annotated[Array | None, Shape((3,)), Key("position_mm", 1e-3)] = None
+    sd: Annotated[float | None, _Above, Key("sd_mm", 1e-3)] = None
+
+
+class _Touched(NamedTuple):
+    base: Annotated[_Point, Key("base_mm", 1e-3)]
+    tracker: Annotated[_Point, Key("tracker_mm", 1e-3)]
+
+
+class _Stop(NamedTuple):
+    joint: str
+    measured: float
+    true: float
+    sd: Positive
+
+
+class _File(NamedTuple):
+    base: _Base | None = None
+    marker: _Marker = _Marker()
+    touched: tuple[_Touched, ...] = ()
+    touched_sd: Annotated[float | None, _Above, Key("touched_sd_mm", 1e-3)] = None
+    stops: tuple[_Stop, ...] = ()
+
+
+def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registration:
+    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
+
+    Raises CalibrationError naming the key and the rule that it breaks, RobotError for a joint that
+    `robot` does not have.
+
+    Examples
+    --------
+    >>> text = '[marker]\nlink = "roll"\nposition_mm = [0, 0, 8]\nsd_mm = 0.2'
+    >>> _ = Path("tracker.toml").write_text(text)
+    >>> read_registration(Path("tracker.toml"), get_robot("raven2")).marker
+    array([0.   , 0.   , 0.008])
+    """
+    values = read_toml(Path(path), CalibrationError)
+    file = schema.read(_File, values, str(path), CalibrationError)
+    stated: dict[str, Any] = {"link": file.marker.link}
+    if file.marker.link:
+        robot.joint(file.marker.link)
+    if file.base is not None:
+        length = np.linalg.norm(file.base.quaternion)
+        if not abs(length - 1.0) < 1e-2:
+            raise CalibrationError(
+                f"{path}: base.quaternion is of length {length:.3g}; give x, y, z, w of a unit "
+                "quaternion"
+            )
+        turn = Rotation.from_quat(file.base.quaternion).as_matrix()
+        stated["base"] = pose_matrix(turn, file.base.position)
+        stated["base_sd"] = np.repeat([file.base.turn_sd, file.base.sd], 3)
+    if file.marker.position is not None:
+        if file.marker.sd is None:
+            raise CalibrationError(f"{path}: marker.sd_mm is missing; state its deviation")
+        stated |= {"marker": file.marker.position, "marker_sd": np.full(3, file.marker.sd)}
+    if (file.touched_sd is None) != (not file.touched):
+        raise CalibrationError(
+            f"{path}: touched_sd_mm and touched points belong together; give both, [[touched]] "
+            "for each point, or neither"
+        )
+    if file.touched:
+        stated["touched"] = np.array([[row.base, row.tracker] for row in file.touched])
+        stated["touched_sd"] = file.touched_sd
+    stops: dict[str, tuple[float, float, float]] = {}
+    for stop in file.stops:
+        joint = robot.joint(stop.joint)
+        if joint.name in stops:
+            raise CalibrationError(f"{path}: two stops of {joint.name}; state one of each joint")
+        scale = display_unit(joint.unit).scale
+        stops[joint.name] = stop.measured / scale, stop.true / scale, stop.sd / scale
+    return Registration(**stated, stops=stops)

@@ -54,12 +54,11 @@ def state_message(
         "encoder_offset": np.broadcast_to(offset, measured.shape),
         "dac": np.rint(of("effort") / steps),
     }
-    columns = {}
+    columns: dict[str, Array] = {}
     for quantity, values in by_channel.items():
-        for channel in robot.channels:
-            moves = channel in names
-            column = values[:, names.index(channel)] if moves else np.zeros(len(t))
-            columns[f"{quantity}/{channel}"] = column
+        table = np.zeros((len(t), len(robot.channels)))
+        table[:, robot.joint_channels] = values
+        columns |= _columns(quantity, robot.channels, table)
     for ending, joint in (("", measured), ("_setpoint", setpoint)):
         pose = robot.kinematics.forward(joint)
         columns |= _columns(f"tool{ending}", _AXES, pose[:, :3, 3])
