@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,3 +17,34 @@ def stored(out: Path, title: str, make: Callable[[], dict[str, Any]]) -> dict[st
         path.write_text(json.dumps(make()))
     found: dict[str, Any] = json.loads(path.read_text())
     return found
+
+
+def parsed(doc: str, **defaults: Any) -> argparse.Namespace:
+    """Read the options of a command line, each of the kind of its default.
+
+    A tuple is what there is to choose from, all of it by default; a list may hold anything.
+    """
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    for name, default in defaults.items():
+        how: dict[str, Any] = {"default": default}
+        if isinstance(default, bool):
+            how["action"] = "store_true"
+        elif isinstance(default, list | tuple):
+            how |= {"nargs": "+", "type": type(default[0])}
+            how |= {"choices": default} if isinstance(default, tuple) else {}
+        else:
+            how["type"] = type(default)
+        parser.add_argument(f"--{name.replace('_', '-')}", **how)
+    return parser.parse_args()
+
+
+def head(*names: str) -> None:
+    """Print the head of a Markdown table."""
+    print(f"| {' | '.join(names)} |\n|{'---|' * len(names)}", flush=True)
+
+
+def table(names: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """Print a Markdown table, a row as soon as it is there."""
+    head(*names)
+    for row in rows:
+        print(f"| {' | '.join(map(str, row))} |", flush=True)

@@ -1,15 +1,15 @@
 """Faults put into the readings of a simulated arm: which redundancy shows them, and how soon.
 
-    python -m benchmarks.faults [--seeds 20] [--seconds 10] [--estimator linear] [--small]
+    python -m benchmarks.faults [--seeds 20] [--seconds 10] [--estimator linear]
     python -m benchmarks.faults --healthy 60 [--seeds 20]
 
-What a seed gave is kept in a file of its own under `--out` and is not run again.
+What a seed gave is kept in a file of its own under `--out` and is not run again. Two seeds take a
+minute.
 
 Each seed is an arm of its own, homed once, with a model of its zig-zags and an interval. Faults
 begin ten seconds into a random motion, in one joint's reading at a time, with the motors and the
 set point as they were: a fault between motor encoder and reading, or in one encoder of two. Each is
-looked for with motors and set point, with the set point alone, and with neither. `--small` takes a
-minute.
+looked for with motors and set point, with the set point alone, and with neither.
 
 A fault is found with the first sample that is not OK. The time to it counts while the joint moves
 faster than a tenth of its fastest. "Before 3 w": found before the reading is off by three times the
@@ -22,7 +22,6 @@ two minutes and 200 g hung on it in the second half, and what is flagged is coun
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -33,7 +32,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import stored
+from benchmarks import head, parsed, stored
 from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.calibration import Calibration
 from truejoint.runtime import Corrector, Status
@@ -72,11 +71,6 @@ def true_reading(case: Case) -> Row:
     return np.array(case.rows[:, case.column("measured")])
 
 
-def since(case: Case) -> Row:
-    """Time since the fault began [s], 0 before."""
-    return np.array(np.maximum(case.t - case.t[BEGIN], 0.0))
-
-
 def stuck(case: Case) -> Row:
     """Stand still, but for noise of 1e-9."""
     noise = 1e-9 * np.random.default_rng(0).normal(size=len(case.t))
@@ -90,7 +84,8 @@ def jump(case: Case) -> Row:
 
 def drift(case: Case) -> Row:
     """Drift by the half-width in three seconds."""
-    return case.reading(true_reading(case) + case.half_width / 3.0 * since(case))
+    since = np.maximum(case.t - case.t[BEGIN], 0.0)
+    return case.reading(true_reading(case) + case.half_width / 3.0 * since)
 
 
 def scale(case: Case) -> Row:
@@ -189,7 +184,11 @@ def cases(model: Calibration, samples: Samples) -> list[Case]:
 def piece(seed: int, seconds: float, estimator: str) -> dict[str, Any]:
     """Outcome of every fault in every joint of one arm, by fault, joint and redundancy."""
     session = simulated_session(seed)
-    models = {name: session.fit(estimator, columns) for name, columns in REDUNDANT.items()}
+    joints = session.training[0].joints_of("truth")
+    models = {
+        name: session.fit(estimator, redundant=[f"{q}/{joint}" for q in by for joint in joints])
+        for name, by in REDUNDANT.items()
+    }
     whole = next(iter(models.values()))
     samples = session.samples(whole.loop_signals, 1e-3 * BEGIN + seconds, seed=seed)
     return {
@@ -219,11 +218,12 @@ def fault_tables(found: Sequence[dict[str, Any]]) -> None:
     """Print what was found: a row for each fault, then one for each fault and joint."""
     names = list(REDUNDANT)
     joints = list(dict.fromkeys(key.split(", ")[1] for key in found[0]))
-    print(f"\n| fault of a reading | {' | '.join(names)} |\n|---|---|---|---|")
+    head("fault of a reading", *names)
     for fault in FAULTS:
         cells = (summary(found, fault, joints, name) for name in names)
         print(f"| {fault} | {' | '.join(cells)} |")
-    print("\n| fault | joint | redundant | found |\n|---|---|---|---|")
+    print()
+    head("fault", "joint", "redundant", "found")
     for fault in FAULTS:
         for joint in joints:
             for name in names:
@@ -255,17 +255,10 @@ def summary(found: Sequence[dict[str, Any]], fault: str, joints: Sequence[str], 
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first-seed", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of motion with the fault")
-    parser.add_argument("--estimator", default="linear")
-    parser.add_argument("--small", action="store_true", help="two seeds: a minute")
-    parser.add_argument("--healthy", type=float, metavar="MINUTES", help="no faults, so long")
-    parser.add_argument("--out", type=Path, default=Path("bench/faults"))
-    options = parser.parse_args()
-    if options.small:
-        options.seeds = 2
+    options = parsed(
+        __doc__, seeds=20, first_seed=200, seconds=10.0, estimator="linear", healthy=0.0,
+        out=Path("bench/faults"),
+    )  # fmt: skip
     length = options.healthy or options.seconds
     run, kind = (work_healthily, "healthy") if options.healthy else (piece, "faults")
     found = []

@@ -17,7 +17,6 @@ Prints Markdown tables.
 
 from __future__ import annotations
 
-import argparse
 import gc
 import multiprocessing
 import os
@@ -27,9 +26,11 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 
+from benchmarks import head, parsed, table
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.calibration.conformal import with_interval
@@ -71,9 +72,9 @@ class Session:
     training: list[Recording]
     held_back: list[Recording]
 
-    def fit(self, estimator: str | JointRegressor) -> Calibration:
-        """Calibration with an interval."""
-        return with_interval(calibrate(self.training, estimator), self.held_back)
+    def fit(self, estimator: str | JointRegressor, **how: Any) -> Calibration:
+        """Calibration with an interval, `how` as `calibrate` takes it."""
+        return with_interval(calibrate(self.training, estimator, **how), self.held_back)
 
     def samples(
         self, signals: tuple[str, ...], duration: float, seed: int = 7, pause: float = 0.0
@@ -186,8 +187,7 @@ def corrector_part(minutes: float, name: str) -> None:
             empty.run(None, [], [])
             correcting.run(corrector, samples.t[part], list(samples.rows[part]))
     collections = sum(generation["collections"] for generation in gc.get_stats()) - collections
-    print("| loop at 1 kHz | periods | missed | share | worst lateness, ms |")
-    print("|---|---|---|---|---|")
+    head("loop at 1 kHz", "periods", "missed", "share", "worst lateness, ms")
     empty.report("empty")
     correcting.report(f"truejoint {model.estimator}")
     difference = 100 * (np.array(correcting.missed) - np.array(empty.missed)) / STRETCH
@@ -246,8 +246,7 @@ def paced_part(minutes: float, name: str) -> None:
     beside.join()
     print(f"load of the machine: {os.getloadavg()[1]:.1f}; {corrected} samples corrected;")
     print(f"{before} periods of the arm are of its homing\n")
-    print("| loop | periods | median [ms] | 99 % [ms] | longest [ms] | late |")
-    print("|---|---:|---:|---:|---:|---:|")
+    head("loop", "periods", "median [ms]", "99 % [ms]", "longest [ms]", "late")
     for title, timing in rows.items():
         times = " | ".join(f"{1e3 * v:.3f}" for v in (timing.median, timing.p99, timing.worst))
         print(f"| {title} | {timing.periods} | {times} | {100 * timing.late_share:.3f} % |")
@@ -326,25 +325,21 @@ def stopping_part(pauses: int, seed: int) -> None:
         if not arm.operating_state().is_homed:
             arm.home()
         arm.move_jp(arm.robot.home, np.full(7, 0.04)).wait()
-    print("| command | pauses | median [ms] | longest [ms] | allowed [ms] | misses |")
-    print("| :--- | ---: | ---: | ---: | ---: | ---: |")
-    for name in names:
-        if times[name]:
-            median, longest = 1e3 * np.median(times[name]), 1e3 * max(times[name])
-            row = f"{median:.0f} | {longest:.0f} | {1e3 * ALLOWED:.0f} | {misses[name]}"
-            print(f"| {name} | {len(times[name])} | {row} |")
+    header = ("command", "pauses", "median [ms]", "longest [ms]", "allowed [ms]", "misses")
+    rows = (
+        (name, len(laps), *(f"{1e3 * t:.0f}" for t in (np.median(laps), max(laps), ALLOWED)),
+         misses[name])
+        for name, laps in times.items() if laps
+    )  # fmt: skip
+    table(header, rows)
 
 
 def main() -> None:
     """Print the tables that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parts = ("corrector", "paced", "stopping")
-    parser.add_argument("--parts", nargs="+", default=parts, choices=parts)
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--estimator", default="linear", help="for instance dnn")
-    parser.add_argument("--pauses", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0, help="of the pauses")
-    options = parser.parse_args()
+    options = parsed(
+        __doc__, parts=parts, minutes=10.0, estimator="linear", pauses=1000, seed=0
+    )  # fmt: skip
     if "corrector" in options.parts:
         corrector_part(options.minutes, options.estimator)
     if "paced" in options.parts:

@@ -12,7 +12,6 @@ offset would take off; the share of the loop's steps that were OK; and what ende
 
 from __future__ import annotations
 
-import argparse
 import logging
 from collections import Counter, deque
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks import head, parsed
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
@@ -37,10 +37,7 @@ CASES = (
     *((f"integral x {x:g}", {"integral_time": INTEGRAL_TIME / x}) for x in (2.0, 5.0, 10.0, 20.0)),
     *((f"samples {1e3 * s:.0f} ms late", {"delay": s}) for s in (0.02, 0.05, 0.1)),
     *(
-        (
-            f"integral x {x:g}, samples 100 ms late",
-            {"integral_time": INTEGRAL_TIME / x, "delay": 0.1},
-        )
+        (f"integral x {x:g}, 100 ms late", {"integral_time": INTEGRAL_TIME / x, "delay": 0.1})
         for x in (2.0, 5.0)
     ),
 )
@@ -112,17 +109,13 @@ def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array,
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    options = parsed(__doc__, seconds=60.0, seed=0)
     logging.disable(logging.WARNING)  # what it says on the way
     model = trained(homed(options.seed))
     arm = homed(options.seed)
     path = random_motion(arm.robot, options.seconds, seed=2)
     without = errors(arm, path, None)[0].std(axis=0)
-    print(f"| loop | {' | '.join(path.joints)} | steps OK | ended by |")
-    print(f"| :--- |{' ---: |' * len(without)} ---: | :--- |")
+    head("loop", *path.joints, "steps OK", "ended by")
     print(f"| none, a fixed offset |{' 100 % |' * len(without)} | |")
     for title, how in CASES:
         arm, corrector = homed(options.seed), Corrector(model)

@@ -14,7 +14,6 @@ arm's loop are those above 1.5 ms.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import tempfile
@@ -27,6 +26,7 @@ import numpy as np
 from tests.chromium import Chromium
 
 import truejoint
+from benchmarks import parsed, table
 from truejoint.crtk import Arm, LoopTiming, PacedBackend
 from truejoint.errors import TruejointError
 from truejoint.monitor import ArmPage
@@ -114,10 +114,7 @@ def evenness(backend: PacedBackend, first: int) -> LoopTiming:
 
 def main() -> None:
     """Watch for some minutes and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    options = parsed(__doc__, minutes=10.0, seed=0)
     model = a_model(options.seed)
     backend = PacedBackend(make_twin("raven2", seed=options.seed))
     backend._starts.fill(0.0)  # memory that it will use
@@ -169,8 +166,7 @@ def main() -> None:
         ("late periods of the arm watched [%]", f"{100 * watched.late_share:.2f}", ""),
         ("errors on the console", f"{len(browser.errors)}", "0"),
     ]  # fmt: skip
-    for row in [("what", "measured", "bar"), (":---", "---:", "---:"), *rows]:
-        print(f"| {' | '.join(row)} |")
+    table(("what", "measured", "bar"), rows)
     print(f"\n{duration / 60:.1f} min, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
 
 

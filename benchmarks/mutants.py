@@ -12,7 +12,6 @@ made in pieces. A mutant on which the tests hang counts as killed.
 
 from __future__ import annotations
 
-import argparse
 import ast
 import copy
 import importlib
@@ -29,6 +28,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+
+from benchmarks import parsed
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "truejoint"
@@ -254,13 +255,9 @@ def _run_tests(folder: Path, tests: Sequence[str]) -> None:
 
 def main() -> None:
     """Make mutants, run the tests on each, and print what survived."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--mutants", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=50.0)
-    parser.add_argument("--of", nargs="+", default=list(TESTS), help="packages or modules")
-    parser.add_argument("--out", type=Path, default=Path("bench/mutants.jsonl"))
-    options = parser.parse_args()
+    options = parsed(
+        __doc__, mutants=150, seed=0, minutes=50.0, of=list(TESTS), out=Path("bench/mutants.jsonl")
+    )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     lines = options.out.read_text().splitlines() if options.out.exists() else []
     known = {mutant.key: mutant for mutant in (Mutant(**json.loads(line)) for line in lines)}

@@ -12,7 +12,6 @@ where the kill came within the second that may be lost.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import tempfile
 import time
@@ -23,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import head, parsed
 from truejoint.crtk import Arm, PacedBackend, StateBlock, TruthBlock
 from truejoint.crtk.handle import Subscription
 from truejoint.errors import TruejointError
@@ -149,8 +149,7 @@ def kills(number: int, at_once: int, seed: int, folder: Path) -> None:
     delays = np.random.default_rng(seed).uniform(EARLIEST, LATEST, number)
     with ThreadPoolExecutor(at_once) as pool:
         lost = np.array(list(pool.map(lambda k: kill_one(folder, k, delays[k]), range(number))))
-    print("| killed | opened | lost, median [s] | longest [s] | allowed [s] | misses |")
-    print("|---:|---:|---:|---:|---:|---:|")
+    head("killed", "opened", "lost, median [s]", "longest [s]", "allowed [s]", "misses")
     opened, misses = int(np.isfinite(lost).sum()), int((~(lost <= ALLOWED)).sum())
     median, longest = np.median(lost), lost.max()
     print(f"| {number} | {opened} | {median:.2f} | {longest:.2f} | {ALLOWED:g} | {misses} |")
@@ -158,12 +157,7 @@ def kills(number: int, at_once: int, seed: int, folder: Path) -> None:
 
 def main() -> None:
     """Run what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--at-once", type=int, default=4)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+    options = parsed(__doc__, minutes=10.0, kills=200, at_once=4, seed=0)
     with tempfile.TemporaryDirectory() as folder:
         if options.kills:
             kills(options.kills, options.at_once, options.seed, Path(folder))

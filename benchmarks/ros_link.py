@@ -1,7 +1,12 @@
 """What holds over a real ROS 1 link: corrected steps, moves, streams, pauses, a path followed.
 
-    python -m benchmarks.ros_link [--parts steps moves rest pauses path] [--minutes 10] [--busy 1]
+    python -m benchmarks.ros_link [--parts added steps moves rest pauses path] [--minutes 10]
+        [--busy 1]
 
+added   Joint states of the simulated RAVEN-II go to `truejoint node correct` at 1 kHz. Added is the
+        time from the arrival of one at a subscriber to that of the corrected one at the same: what
+        a client of the corrected topic waits longer. Core is the node's processor time over the
+        time that passed.
 steps   A RAVEN-II's joint states, of a zig-zag at 10 deg/s and 7 mm/s, go to `truejoint node
         correct` and to the exported C++ node, with a linear model; 1 % are lost, and 20 % are 1-5
         periods late, so that others go before them. A step is between two messages as they
@@ -20,9 +25,9 @@ busy with, divided by its cores.
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -38,9 +43,9 @@ import numpy as np
 from tests.ros_master import Master, environment, free_port
 
 import truejoint
-from benchmarks.ros_node import CORRECTED, RAW, _everything, session
+from benchmarks import head, parsed
 from truejoint.array_types import Array
-from truejoint.crtk import Arm, RosBackend
+from truejoint.crtk import Arm, RosBackend, SimulatedBackend
 from truejoint.crtk.backends.ros import TOLERANCE
 from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED
 from truejoint.crtk.ros import Publisher, Transport, open_transport
@@ -57,7 +62,52 @@ LIMIT = np.array([TOLERANCE[joint.unit] for joint in ROBOT.joints])
 EXTENT = np.array([0.2, 0.2, 0.02, 0.3, 0.3, 0.2, 0.2])  # of the motions [rad or m]
 SPEED = 0.4 * np.array([joint.max_speed for joint in ROBOT.joints])
 LATE, LOST, MOST = 0.2, 0.01, 5  # shares, periods
-SETPOINT = "/arm1/setpoint_js"
+SETPOINT, RAW = "/arm1/setpoint_js", "/arm1/measured_js"
+CORRECTED = "/arm1/corrected/measured_js"
+
+
+def session(order: str, faster: float, rate: float) -> truejoint.Recording:
+    """Record a zig-zag of the twin, `rate` times a second, faster than the workspace's speeds."""
+    arm = Arm(SimulatedBackend(truejoint.simulation.make_twin("raven2", seed=3)))
+    arm.enable()
+    arm.home()
+    speed = faster * truejoint.motion.workspace_of(arm.robot).speed
+    with truejoint.recordings.Recorder(arm, state_rate=rate) as recorder:
+        follow(arm, zigzag(arm.robot, order, 1 / 2), speed=speed)
+    return recorder.recording()
+
+
+def both_ways(recording: truejoint.Recording) -> tuple[Array, Array]:
+    """Positions and efforts (n, 7) of a recording and back again, as joint states have them."""
+    rows, efforts = (recording.columns(q, ROBOT.joint_names) for q in ("measured", "effort"))
+    efforts = ROBOT.transmission.joint_effort(efforts)  # type: ignore[union-attr]  # RAVEN's
+    return np.r_[rows, rows[::-1]], np.r_[efforts, efforts[::-1]]
+
+
+def send(ros: Transport, joints: Publisher, t: float, position: Array, effort: Array) -> float:
+    """Publish a joint state; gives its stamp [s]."""
+    message = ros.stamped(JOINT_STATE, t)
+    message.position, message.effort = position.tolist(), effort.tolist()
+    joints.publish(message)
+    return ros.seconds(message)
+
+
+def say_homed(ros: Transport, states: Publisher) -> None:
+    """Publish that the robot is homed, once somebody listens."""
+    until(lambda: states.readers >= 1)
+    state = ros.stamped(OPERATING_STATE, ros.now())
+    state.state, state.is_homed = "ENABLED", True
+    states.publish(state)
+    time.sleep(1.0)
+
+
+def spent(pid: int | None = None) -> float:
+    """Processor time of a process, or of all programs over all cores [s]."""
+    if pid is not None:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    ticks = [int(f) for f in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]]
+    return (sum(ticks[:3]) + sum(ticks[5:8])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager
@@ -93,9 +143,9 @@ def built(model: truejoint.calibration.Calibration, folder: Path) -> Path:
 @contextmanager
 def busy_with(name: str) -> Iterator[None]:
     """Say what the machine was busy with meanwhile."""
-    began, before = time.perf_counter(), _everything()
+    began, before = time.perf_counter(), spent()
     yield
-    load = (_everything() - before) / (time.perf_counter() - began) / (os.cpu_count() or 1)
+    load = (spent() - before) / (time.perf_counter() - began) / (os.cpu_count() or 1)
     print(f"\n{name}: load {load:.0%}\n", flush=True)
 
 
@@ -116,21 +166,56 @@ def paced(rate: float, count: int) -> Iterator[int]:
         yield k
 
 
+def added_part(ros: Transport, folder: Path, minutes: float) -> None:
+    """Print how much later than the measured joints the corrected ones arrive."""
+    recording, path = session("J2", 8.0, 1000.0), folder / "model.safetensors"
+    truejoint.write_calibration(truejoint.calibrate(recording, "linear"), path)
+    rows, efforts = both_ways(recording)
+    joints = ros.publisher(RAW, JOINT_STATE)
+    states = ros.publisher("/arm1/operating_state", OPERATING_STATE)
+    arrived: dict[str, dict[float, float]] = {RAW: {}, CORRECTED: {}}
+    ends = [
+        ros.subscribe(
+            topic, JOINT_STATE, lambda m, at=at: at.__setitem__(ros.seconds(m), time.perf_counter())
+        )
+        for topic, at in arrived.items()
+    ]  # fmt: skip
+    with node("correct", str(path), "--profile", "raven2_mended") as process:
+        until(lambda: joints.readers >= 2)
+        say_homed(ros, states)
+        began, before = time.perf_counter(), spent(process.pid)
+        sent = [
+            send(ros, joints, 1e9 + k / 1000.0, rows[k % len(rows)], efforts[k % len(rows)])
+            for k in paced(1000.0, round(60_000 * minutes))
+        ]
+        passed = time.perf_counter() - began
+        core = (spent(process.pid) - before) / passed
+        time.sleep(1.0)
+        process.send_signal(signal.SIGTERM)
+        process.wait()
+    for end in (*ends, joints.close, states.close):
+        end()
+    raw, corrected = arrived[RAW], arrived[CORRECTED]
+    lost = sum(stamp not in corrected for stamp in sent)
+    added = np.array([corrected[s] - raw[s] for s in sent if s in corrected and s in raw])
+    median, p99, worst = np.quantile(added, [0.5, 0.99, 1.0]) * 1e3
+    head("sent", "rate [Hz]", "lost", "added: median [ms]", "p99 [ms]", "worst [ms]", "core")
+    print(
+        f"| {len(sent)} | {len(sent) / passed:.0f} | {lost} | {median:.2f} | {p99:.2f} | "
+        f"{worst:.1f} | {core:.0%} |"
+    )
+
+
 def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
     """Print how far the corrected joints step, and the raw ones."""
-    print(
-        "| rate [Hz] | messages | corrected | largest corrected / raw step | in C++ | nothing late "
-        "| statuses | SILENT after [s] |"
-    )
-    print("| ---: | ---: | ---: | :--- | :--- | :--- | :--- | ---: |")
+    largest = "largest corrected / raw step"
+    head("rate [Hz]", "messages", "corrected", largest, "in C++", "nothing late", "statuses",
+         "SILENT after [s]")  # fmt: skip
     for rate in (200.0, 1000.0):
         recording, path = session("J1-J2-J3", 4.0, rate), folder / f"{rate:g}.safetensors"
         model = truejoint.calibrate(recording, "linear")
         truejoint.write_calibration(model, path)
-        rows = recording.columns("measured", ROBOT.joint_names)
-        efforts = recording.columns("effort", ROBOT.joint_names)
-        efforts = ROBOT.transmission.joint_effort(efforts)  # type: ignore[union-attr]  # RAVEN's
-        there = np.r_[np.arange(len(rows)), np.arange(len(rows))[::-1]]
+        rows, efforts = both_ways(recording)
         corrector = Corrector(model)
         corrector.set_homing(True)
         alone = corrector.run(recording).position
@@ -156,12 +241,8 @@ def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
             program(package, *in_c),
         ):
             until(lambda out=joints: out.readers >= 3)
-            until(lambda out=states: out.readers >= 1)
-            state = ros.stamped(OPERATING_STATE, ros.now())
-            state.state, state.is_homed = "ENABLED", True
-            states.publish(state)
-            time.sleep(1.0)
-            _send_late(ros, joints, rows[there], efforts[there], rate, minutes)
+            say_homed(ros, states)
+            _send_late(ros, joints, rows, efforts, rate, minutes)
             end_of_all = time.perf_counter()
             until(lambda said=said: said[-1][1] == SILENT)
         for end in (*ends, status, joints.close, states.close):
@@ -198,17 +279,13 @@ def _send_late(
     for period in paced(rate, count + MOST):
         while at < len(order) and arrival[order[at]] <= period:
             k = int(order[at])
-            message = ros.stamped(JOINT_STATE, epoch + k / rate)
-            row = k % len(rows)
-            message.position, message.effort = rows[row].tolist(), efforts[row].tolist()
-            joints.publish(message)
+            send(ros, joints, epoch + k / rate, rows[k % len(rows)], efforts[k % len(rows)])
             at += 1
 
 
 def moves_part(ros: Transport, moves: int) -> None:
     """Print where the joints are when a move is said to be over."""
-    print("| rate [Hz] | moves | furthest off | 6 s later | not arrived | others | silent |")
-    print("| ---: | ---: | :--- | :--- | ---: | ---: | ---: |")
+    head("rate [Hz]", "moves", "furthest off", "6 s later", "not arrived", "others", "silent")
     for rate in RATES:
         rng, off, refused, others = np.random.default_rng(2), [np.zeros(7)], 0, 0
         later = np.zeros(7)
@@ -356,8 +433,7 @@ def pauses_part(ros: Transport, pauses: int) -> None:
             sender.join()
             robot.command("resume", "ENABLED")
         robot.close()
-    print("| pause during | pauses | median [ms] | 99 % [ms] | worst [ms] |")
-    print("| :--- | ---: | ---: | ---: | ---: |")
+    head("pause during", "pauses", "median [ms]", "99 % [ms]", "worst [ms]")
     took["all"] = [ms for times in took.values() for ms in times]
     for kind, times in took.items():
         median, p99, worst = np.quantile(times, [0.5, 0.99, 1.0])
@@ -367,8 +443,7 @@ def pauses_part(ros: Transport, pauses: int) -> None:
 def path_part(ros: Transport) -> None:
     """Print how far off a zig-zag the reported joints are."""
     path = zigzag(ROBOT, "J1-J2-J3", 1.0)
-    print("| zig-zag | RMS of wanted less reported: shoulder, elbow, insertion |")
-    print("| :--- | :--- |")
+    head("zig-zag", "RMS of wanted less reported: shoulder, elbow, insertion")
     with (
         node("simulate", "--homed", "--quirks"),
         Arm(_backend(ros, "raven2", tolerance={"rad": math.inf, "m": math.inf})) as arm,
@@ -383,15 +458,8 @@ def path_part(ros: Transport) -> None:
 
 def main() -> None:
     """Run a master of our own, on this computer alone, and print the tables asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("steps", "moves", "rest", "pauses", "path")
-    parser.add_argument("--parts", nargs="+", default=parts, choices=parts)
-    parser.add_argument("--minutes", type=float, default=10.0, help="of each row of steps")
-    parser.add_argument("--moves", type=int, default=70, help="at each rate")
-    parser.add_argument("--streams", type=int, default=5)
-    parser.add_argument("--pauses", type=int, default=200)
-    parser.add_argument("--busy", type=int, default=0, help="cores that are kept busy meanwhile")
-    chosen = parser.parse_args()
+    parts = ("added", "steps", "moves", "rest", "pauses", "path")
+    chosen = parsed(__doc__, parts=parts, minutes=10.0, moves=70, streams=5, pauses=200, busy=0)
     with tempfile.TemporaryDirectory() as text:
         folder, port = Path(text), free_port()
         os.environ.update(environment(port, folder))
@@ -401,6 +469,7 @@ def main() -> None:
                 on.enter_context(program(sys.executable, "-c", "while True: pass"))
             ros = open_transport(1, "benchmark")
             calls: dict[str, Callable[[], None]] = {
+                "added": lambda: added_part(ros, folder, chosen.minutes),
                 "steps": lambda: steps_part(ros, folder, chosen.minutes),
                 "moves": lambda: moves_part(ros, chosen.moves),
                 "rest": lambda: rest_part(ros, chosen.streams),

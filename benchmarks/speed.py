@@ -17,7 +17,6 @@ Prints Markdown tables; what is above a bar is bold.
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import re
 import statistics
@@ -40,6 +39,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from tests.filters.linear import linear_model
 
+from benchmarks import head, parsed
 from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate, write_calibration
@@ -355,8 +355,7 @@ def laps_of(call: Callable[[int], object], calls: int) -> Array:
 def steps_part(names: list[str], calls: int = 6000) -> None:
     """Print the cost of a step of every estimator, of a peer's, and of a process's first sample."""
     joints = [1, 3, SIX]
-    head = [f"{n} joint{'s' * (n > 1)}, {where} [us]" for n in joints for where in BARS]
-    print(f"| estimator | {' | '.join(head)} |\n{'|---' * (1 + len(head))}|")
+    head("estimator", *(f"{n} joints, {where} [us]" for n in joints for where in BARS))
     recorded, reasons = recordings(), []
     for name in names:
         row = [name]
@@ -383,16 +382,9 @@ def steps_part(names: list[str], calls: int = 6000) -> None:
 
 def forceps() -> StateSpaceModel:
     """Spring-coupled jaw and slider with stiffnesses of the order of yan2020's Table 1."""
-    A = np.array(
-        [
-            [0.0, 1.0, 0.0, 0.0],
-            [-4.0e5, 0.0, 1.5e8, 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-            [1.0e3, 0.0, -4.5e5, 0.0],
-        ]
-    )
-    B = np.array([[0.0], [2.0e5], [0.0], [0.0]])
-    C = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    A, B, C = np.zeros((4, 4)), np.zeros((4, 1)), np.eye(4)[2:]
+    A[[0, 2], [1, 3]], A[1, [0, 2]], A[3, [0, 2]] = 1.0, (-4.0e5, 1.5e8), (1.0e3, -4.5e5)
+    B[1] = 2.0e5
     F, G, *_ = cont2discrete((A, B, C, np.zeros((2, 1))), DT)
     Q = F @ np.diag([0.0, 2e3 * DT, 0.0, 1e-2 * DT]) @ F.T
     return linear_model(F, G, C, Q, np.diag([1.6e-13, 1e-8]))
@@ -425,7 +417,7 @@ def filter_part() -> None:
     model, rng = forceps(), np.random.default_rng(0)
     u = 0.5 * np.sin(2 * np.pi * 0.5 * DT * np.arange(FILTER_ROWS))[:, None]
     z = rng.normal(size=(FILTER_ROWS, 2)) * [4e-7, 1e-4]
-    print("| one step [us] | median | p99 | of ours | a row of a record |\n" + "|---" * 5 + "|")
+    head("one step [us]", "median", "p99", "of ours", "a row of a record")
     best = np.inf
     for second in (True, False):
         estimator = UnscentedFilter(model, second_generation=second)
@@ -457,15 +449,9 @@ def training_rows(seed: int = 0) -> tuple[Array, Array]:
 def peer(X: Array, y: Array) -> Any:
     """Fit scikit-learn's network, as peng2024 sets it up."""
     network = MLPRegressor(
-        hidden_layer_sizes=(100, 100),
-        activation="logistic",
-        alpha=5e-4 * JOINTS * 1024,
-        batch_size=1024,
-        max_iter=200,
-        tol=0.0,
-        n_iter_no_change=10**6,
-        random_state=0,
-    )
+        (100, 100), activation="logistic", alpha=5e-4 * JOINTS * 1024, batch_size=1024,
+        max_iter=200, tol=0.0, n_iter_no_change=10**6, random_state=0,
+    )  # fmt: skip
     scaled = TransformedTargetRegressor(
         make_pipeline(StandardScaler(), network), transformer=StandardScaler(), check_inverse=False
     )
@@ -495,10 +481,8 @@ def training_part(repeats: int = 3) -> None:
     }
     found = {name: timed(fit, repeats) for name, fit in fits.items()}
     base = found[PEER][0]
-    print(
-        f"| fit to {ROWS} x {FEATURES} | median of {repeats} [s] | of scikit-learn "
-        f"| RMSE on {UNSEEN} rows not seen (noise {NOISE}) |\n" + "|---" * 4 + "|"
-    )
+    exact = f"RMSE on {UNSEEN} rows not seen (noise {NOISE})"
+    head(f"fit to {ROWS} x {FEATURES}", f"median of {repeats} [s]", "of scikit-learn", exact)
     for name, (seconds, fitted) in found.items():
         error = np.sqrt(np.mean((fitted.predict(X[ROWS:]) - y[ROWS:]) ** 2))
         print(f"| {name} | {seconds:.2f} | {seconds / base:.3f} | {error:.4f} |")
@@ -525,11 +509,8 @@ def twin_speed(robot: str) -> None:
 
 def main() -> None:
     """Print the tables that are asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parts = ("steps", "filter", "training", "twins")
-    parser.add_argument("--parts", nargs="+", default=parts, choices=parts)
-    parser.add_argument("--estimators", nargs="+", default=estimator_names())
-    options = parser.parse_args()
+    options = parsed(__doc__, parts=parts, estimators=estimator_names())
     if "steps" in options.parts:
         steps_part(options.estimators)
     if "filter" in options.parts:

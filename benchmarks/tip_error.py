@@ -13,18 +13,10 @@ moves before six touches re-zero a model, with four, eight or no references.
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
-from tests.drawn_arm import (
-    FAULTS,
-    NOISE,
-    DrawnArm,
-    block_session,
-    tracker_session,
-    way,
-)
+from tests.drawn_arm import FAULTS, NOISE, DrawnArm, block_session, tracker_session, way
 
+from benchmarks import head, parsed
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.tip import calibrate_by_touch, find_block, zero_by_touch
@@ -95,31 +87,24 @@ def rezeroed(seed: int, references: int, millimetres: float) -> float | None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--arms", type=int, default=50)
-    parser.add_argument("--fault-arms", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
-    options = parser.parse_args()
+    options = parsed(__doc__, arms=50, fault_arms=20, first=0)
     seeds = range(options.first, options.first + options.arms)
-    print(
-        "| by | repeats | noise stated / true | near [mm] | stated / true | within 1.6 | left out "
-        "/ true | workspace [mm] | stated / true | within 1.6 | zero | arms |"
-    )
-    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|")
+    head(
+        "by", "repeats", "noise stated / true", "near [mm]", "stated / true", "within 1.6",
+        "left out / true", "workspace [mm]", "stated / true", "within 1.6", "zero", "arms",
+    )  # fmt: skip
     for kind in MAKE:
         for repeats in (6, 0):
             for factor in (1.0, 0.5, 2.0):
                 stated(kind, repeats, factor, seeds)
     seeds = range(options.first, options.first + options.fault_arms)
-    print("\n| fault | refused | named | true / stated, worst taken | arms |")
-    print("|---|---:|---:|---:|---:|")
+    print()
+    head("fault", "refused", "named", "true / stated, worst taken", "arms")
     for kind, name in FAULTS:
         fault(kind, name, seeds)
-    print(
-        "\n| bolted block moved by [mm] | references | refused | error of a zero in its "
-        "deviations, worst taken | arms |"
-    )
-    print("|---|---:|---:|---:|---:|")
+    print()
+    worst = "error of a zero in its deviations, worst taken"
+    head("bolted block moved by [mm]", "references", "refused", worst, "arms")
     for millimetres in (0.0, 0.5, 1.0, 2.0, 5.0):
         for references in (0, 4, 8):
             off = [rezeroed(seed, references, millimetres) for seed in seeds]

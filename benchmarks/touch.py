@@ -21,7 +21,6 @@ that prior, and it is told how often a person is asked and how long they wait fo
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -31,6 +30,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
+from benchmarks import head, parsed
 from truejoint import Calibration, Recording, calibrate
 from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
@@ -67,20 +67,6 @@ FRICTION: dict[str, dict[str, Any]] = {
         "joint_friction.presliding": (4.4e-3, 8.5e-3, 5e-4),
     }
 }
-
-
-class Truth:
-    """Where the positioning joints of a twin really are, at every state message."""
-
-    def __init__(self) -> None:
-        self.t: list[Array] = []
-        self.joint: list[Array] = []
-
-    def __call__(self, block: StateBlock | TruthBlock) -> None:
-        """Keep a block's rows."""
-        if isinstance(block, TwinOutput):
-            self.t.append(block.t)
-            self.joint.append(block.joint)
 
 
 def perturbed(specimen: str, seed: int) -> Raven2Parameters:
@@ -150,13 +136,15 @@ def touched(
 
 def observed(arm: Arm, seed: int) -> Judge:
     """Record five minutes of random motion."""
-    motion, truth = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory"), Truth()
+    motion = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory")
+    blocks: list[StateBlock | TruthBlock] = []
     with Recorder(arm, session="judge") as recorder:
-        arm.subscribe(truth)
+        arm.subscribe(blocks.append)
         follow(arm, motion)
-        arm.unsubscribe(truth)
+        arm.unsubscribe(blocks.append)
     recording = recorder.recording()
-    t, rows = np.concatenate(truth.t), np.concatenate(truth.joint)
+    outputs = [block for block in blocks if isinstance(block, TwinOutput)]
+    t, rows = (np.concatenate([getattr(out, name) for out in outputs]) for name in ("t", "joint"))
     stamps = np.array(recording.t) + recording.provenance.start
     measured = recording.columns("measured", arm.robot.joint_names)
     true = measured.copy()
@@ -392,15 +380,10 @@ def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--twins", nargs="+", default=["nominal", "peng2024"])
-    parser.add_argument("--arms", type=int, default=10)
-    parser.add_argument("--first", type=int, default=100)
-    parser.add_argument("--hours", type=float, default=0.0)
-    parser.add_argument("--estimators", nargs="+", default=["linear", "rich_play"])
-    parser.add_argument("--nothing", action="store_true")
-    parser.add_argument("--guided", action="store_true")
-    options = parser.parse_args()
+    options = parsed(
+        __doc__, twins=["nominal", "peng2024"], arms=10, first=100, hours=0.0,
+        estimators=["linear", "rich_play"], nothing=False, guided=False,
+    )  # fmt: skip
     for twin in options.twins:
         rows: list[dict[str, Row]] = []
         others = others_of(twin, 200) if options.nothing or options.guided else []
@@ -424,8 +407,8 @@ def main() -> None:
 
 def print_table(twin: str, rows: list[dict[str, Row]]) -> None:
     """Print median and worst tip and joints, over arms, of each row."""
-    print(f"\n| {twin} | tip [mm] | worst | shoulder [deg] | elbow [deg] | insertion [mm] |")
-    print("|---|---:|---:|---:|---:|---:|")
+    print()
+    head(twin, "tip [mm]", "worst", "shoulder [deg]", "elbow [deg]", "insertion [mm]")
     for key in dict.fromkeys(key for row in rows for key in row):
         there = [row[key] for row in rows if key in row]
         tips = [1e3 * row["tip"] for row in there]
@@ -437,9 +420,11 @@ def print_table(twin: str, rows: list[dict[str, Row]]) -> None:
 
 def print_honesty(twin: str, rows: list[dict[str, Row]]) -> None:
     """Print what was stated against what was true, and how much worse than clean each case is."""
-    print(f"\n| {twin} | to clean | worst | near [mm] | stated / true near | within 1.6 "
-          "| workspace | within 1.6 | zeros in 90 % | prior used | left out |")  # fmt: skip
-    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|")
+    print()
+    head(
+        twin, "to clean", "worst", "near [mm]", "stated / true near", "within 1.6", "workspace",
+        "within 1.6", "zeros in 90 %", "prior used", "left out",
+    )  # fmt: skip
     for key in dict.fromkeys(key for row in rows for key in row):
         there = [row[key] for row in rows if key in row]
         ratio = [row[key]["tip"] / row["clean"]["tip"] for row in rows if key in row]

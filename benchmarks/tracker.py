@@ -14,7 +14,6 @@ in a file under ``--out`` and is not run again while that is there.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from tests.simulated_tracker import TRACKERS
 
-from benchmarks import stored
+from benchmarks import head, parsed, stored
 from truejoint import calibrate
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.backends.simulated import SimulatedBackend
@@ -149,9 +148,8 @@ def one_run(specimen: str, seed: int, kinds: Sequence[str]) -> dict[str, Any]:
 
 def accuracy(specimens: Sequence[str], arms: int, estimator: str, out: Path) -> None:
     """Print how far off calibrations are, beside those from joint encoders."""
-    print("| specimen | truth | shoulder [deg] | elbow [deg] | insertion [mm] | to the encoders' "
-          "| without the mean |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|")
+    joints = ("shoulder [deg]", "elbow [deg]", "insertion [mm]")
+    head("specimen", "truth", *joints, "to the encoders'", "without the mean")
     scale = np.array([display_unit(unit).scale for unit in ("rad", "rad", "m")])
     for specimen in specimens:
         found = []
@@ -173,8 +171,8 @@ def accuracy(specimens: Sequence[str], arms: int, estimator: str, out: Path) -> 
 
 def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
     """Print how often the transforms lie within what is stated."""
-    print(f"\n| {specimen}, {runs} runs | " + " | ".join(PARTS) + " | all | deviations |")
-    print("|---|" + "---|" * (len(PARTS) + 2))
+    print()
+    head(f"{specimen}, {runs} runs", *PARTS, "all", "deviations")
     make = [
         stored(out, f"{specimen}, run {seed}", partial(one_run, specimen, seed, kinds))
         for seed in range(100, 100 + runs)
@@ -191,14 +189,10 @@ def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--specimens", nargs="+", default=["nominal", "peng2024"])
-    parser.add_argument("--arms", type=int, default=3)
-    parser.add_argument("--runs", type=int, default=40)
-    parser.add_argument("--estimator", default="dnn")
-    parser.add_argument("--kinds", nargs="+", default=["optical", "optical_pose", "rgbd"])
-    parser.add_argument("--out", type=Path, default=Path("bench/tracker"))
-    options = parser.parse_args()
+    options = parsed(
+        __doc__, specimens=["nominal", "peng2024"], arms=3, runs=40, estimator="dnn",
+        kinds=["optical", "optical_pose", "rgbd"], out=Path("bench/tracker"),
+    )  # fmt: skip
     if options.arms:
         accuracy(options.specimens, options.arms, options.estimator, options.out)
     for specimen in options.specimens:

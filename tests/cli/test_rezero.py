@@ -223,9 +223,10 @@ def test_a_model_is_made_of_touches_alone(call, rests, tmp_path):
     assert not (tmp_path / "again.safetensors").exists()
     (tmp_path / "empty").mkdir()
     for wrong, said in (
-        (how[:2], "--touches and --block belong together"),
-        (how[2:], "give --touches with --block, or --points"),
-        ([*how, "--points", rests / "shots.csv"], "give --touches with --block, or --points"),
+        (how[:2], "--touches needs --block"),
+        (how[2:], "--block needs --touches"),
+        ([], "give --touches with --block, or --points"),
+        ([*how, "--points", rests / "shots.csv"], "--touches and --points: give one of the two"),
         ([*how, "--report", tmp_path / "touches.pdf"], "a report is an HTML page"),
         ([*how, "--prior", tmp_path / "empty"], "no model file is in this folder"),
         (["--touches", rests / "shots.csv", *how[2:]], "want t,dimple"),

@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from truejoint.cli import complete
 from truejoint.cli import study as command
 from truejoint.errors import StudyError
 from truejoint.studies import STUDIES
@@ -88,9 +87,3 @@ def test_an_interrupt_says_how_to_go_on(call, tmp_path, monkeypatch):
     result = call("study", "forceps-unloaded", "-o", tmp_path)
     assert result.code == 130
     assert "the same command goes on from there" in " ".join(result.err.split())
-
-
-def test_option_names_complete(monkeypatch):
-    context = type("Context", (), {"params": {"name": "forceps-rezero"}})()
-    expected = ["specimen=", "count=", "prior=", "shifts_um=", "methods="]
-    assert complete.study_options(context) == expected

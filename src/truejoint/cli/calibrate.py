@@ -33,10 +33,6 @@ class Accuracy:
     interval: list[str] | None = None
     interval_rezero_s: float = 0.0
 
-    def __post_init__(self) -> None:
-        if self.interval_rezero_s and not self.interval:
-            raise CalibrationError("--interval-rezero-s needs --interval")
-
     @property
     def is_cross(self) -> bool:
         """Whether the interval comes from the training recordings."""
@@ -145,8 +141,7 @@ def fit(
 def print_choice(fitted: truejoint.Calibration) -> None:
     """Print what an automatic choice tried: RMSE on what was left out, and what was chosen."""
     choice = fitted.metadata["choice"]
-    units = [display_unit(fitted.units[f"measured/{joint}"]) for joint in fitted.joints]
-    columns = list(zip(fitted.joints, units, strict=True))
+    columns = [(j, display_unit(fitted.units[f"measured/{j}"])) for j in fitted.joints]
 
     def row(name: str, of: Mapping[str, Any]) -> list[str]:
         rmse, weights = of.get("rmse", {}), of.get("weights", {})
@@ -170,20 +165,16 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         say(f"cut, as time ran short: parts left out {', '.join(choice['not_judged'])}")
     title = f"RMSE on {len(choice['left_out'])} parts left out (share in what is chosen)"
     print_table([*header, "time [s]", "note"], rows, title=title)
-    if "zero" in choice:
-        say(zeros_in_words(choice["zero"]))
-
-
-def zeros_in_words(judged: Mapping[str, Any]) -> str:
-    """Tell whether a zero for each recording is kept beside, and how much better it was."""
+    judged = choice.get("zero", {})
     if "note" in judged:
-        return f"a zero for each recording is not judged: {judged['note']}"
-    verdict = "kept for recordings that are re-zeroed" if judged["kept"] else "not kept"
-    return (
-        f"a zero for each recording: {judged['ratio']:.2f} of the error of one for all, after "
-        f"{judged['rezeroed_from']:g} s of truth, on {len(judged['left_out'])} parts left out; "
-        f"{verdict}"
-    )
+        say(f"a zero for each recording is not judged: {judged['note']}")
+    elif judged:
+        verdict = "kept for recordings that are re-zeroed" if judged["kept"] else "not kept"
+        say(
+            f"a zero for each recording: {judged['ratio']:.2f} of the error of one for all, after "
+            f"{judged['rezeroed_from']:g} s of truth, on {len(judged['left_out'])} parts left out; "
+            f"{verdict}"
+        )
 
 
 def adapt(
@@ -208,11 +199,18 @@ def adapt(
     calibration = truejoint.read_calibration(model)
     read_training = files.find(recordings, part=part, model=calibration)
     if weights_mm is not None:
-        if reference or data_check.accept or fit_rate_hz or accuracy != Accuracy():
-            raise CalibrationError(
-                "--weights-mm takes the recordings of the weights, --part and metadata alone"
-            )
-        return _stiffness(calibration, read_training(), weights_mm / 1e3, new)
+        loaded, lever = read_training(), weights_mm / 1e3
+        with progress("Identifying the stiffness"):
+            stiff, stiffness = truejoint.calibration.with_stiffness(calibration, loaded, lever)
+        new.write(stiff)
+        out.print(
+            f"K_d = {stiffness.drive_stiffness / 1e3:.2f} ± {stiffness.deviation / 1e3:.2f} kN/m, "
+            f"growing by {stiffness.growth:.0f} N/m per N of tension"
+        )
+        friction = 2e3 * stiff.model.jaw_friction
+        out.print(f"Friction may hide up to {friction:.1f} mNm against the last motion")
+        out.print(f"{new.output}: the model with this stiffness")
+        return Result({"model": str(new.output), **vars(stiffness)})
     read_others = [*accuracy.find(files), files.find(reference or [])]
     training, (*others, before) = read_training(), [read() for read in read_others]
     check = data_check.run(training, joints=calibration.joints)
@@ -222,22 +220,3 @@ def adapt(
         calibration, training, reference=before, fit_rate=fit_rate_hz
     ).with_metadata(command=command_line())
     return finish(accuracy.stated_by(adapted, *others), check, new)
-
-
-def _stiffness(
-    calibration: truejoint.Calibration,
-    loaded: Sequence[truejoint.Recording],
-    lever: float,
-    new: NewModel,
-) -> Result:
-    with progress("Identifying the stiffness"):
-        stiff, stiffness = truejoint.calibration.with_stiffness(calibration, loaded, lever)
-    new.write(stiff)
-    out.print(
-        f"K_d = {stiffness.drive_stiffness / 1e3:.2f} ± {stiffness.deviation / 1e3:.2f} kN/m, "
-        f"growing by {stiffness.growth:.0f} N/m per N of tension"
-    )
-    friction = 2e3 * stiff.model.jaw_friction
-    out.print(f"Friction may hide up to {friction:.1f} mNm against the last motion")
-    out.print(f"{new.output}: the model with this stiffness")
-    return Result({"model": str(new.output), **vars(stiffness)})

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.recordings.recorder import TruthSource
     from truejoint.recordings.table.stream_file import StreamSize
-
 
 _REZERO: Final = 10.0  # of random motion [s]
 _LEG: Final = 30.0  # [s], after which it is asked whether that is enough
@@ -50,12 +50,12 @@ def record(
     """
     how |= {"session": trajectory.name, "command": command_line()}
     recorder = truejoint.recordings.Recorder(arm, path=target, **how)
+    follow: Any = truejoint.motion.follow
+    if until_enough:
+        follow = partial(_follow_until_enough, recorder)
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
-            if until_enough:
-                report = follow_until_enough(arm, trajectory, recorder, done, steering)
-            else:
-                report = truejoint.motion.follow(arm, trajectory, progress=done, steering=steering)
+            report = follow(arm, trajectory, progress=done, steering=steering)
     except BaseException:
         if recorder.written is not None:
             say(f"stopped; what was recorded until then is in {recorder.written}")
@@ -63,10 +63,10 @@ def record(
     return recorder.recording(str(target)), report, recorder.streams
 
 
-def follow_until_enough(
+def _follow_until_enough(
+    recorder: truejoint.recordings.Recorder,
     arm: truejoint.crtk.Arm,
     trajectory: truejoint.motion.Trajectory,
-    recorder: truejoint.recordings.Recorder,
     progress: Callable[[float], None],
     steering: Steering | None,
 ) -> truejoint.motion.TrackingReport:
@@ -78,14 +78,12 @@ def follow_until_enough(
         reports.append(truejoint.motion.follow(arm, leg, steering=steering))
         progress(number / len(parts))
         if 1 < number < len(parts):
-            recording = recorder.recording()
+            recording, least = recorder.recording(), truejoint.calibration.ENOUGH
             has = [name for name in features if name in recording.units]
-            gains = truejoint.calibration.expected_gain(recording, features=has)
-            least = truejoint.calibration.ENOUGH
-            if (gains < least).all():
-                spent = sum(report.duration for report in reports) / 60.0
+            if (truejoint.calibration.expected_gain(recording, features=has) < least).all():
+                spent = f"{sum(report.duration for report in reports) / 60.0:.1f} min"
                 share = f"{100 * least:g} %"
-                say(f"Enough after {spent:.1f} min: as much again would better no joint by {share}")
+                say(f"Enough after {spent}: as much again would better no joint by {share}")
                 break
     return truejoint.motion.TrackingReport.joined(reports, trajectory.name)
 
@@ -100,23 +98,15 @@ class Loop:
     lag_s: float | None = None
 
     def __post_init__(self) -> None:
-        rezero, lag = self.rezero_s, self.lag_s
-        if rezero is not None and (self.compensate is None or not math.isfinite(rezero)):
-            raise CommandRefused(f"--rezero-s {rezero:g}: seconds, and for --compensate alone")
-        if self.closed_loop and self.compensate is not None:
-            raise CommandRefused(
-                "--closed-loop is around motors, --compensate around joints: give one"
-            )
-        closes = self.closed_loop or self.compensate is not None
-        if lag is not None and not (math.isfinite(lag) and closes):
-            raise CommandRefused(f"--lag-s {lag:g}: seconds, with --compensate or --closed-loop")
+        for option, value in {"--rezero-s": self.rezero_s, "--lag-s": self.lag_s}.items():
+            if value is not None and not math.isfinite(value):
+                raise CommandRefused(f"{option} {value:g}: give seconds")
 
     def read(self, robot: truejoint.robots.Robot) -> truejoint.Calibration | None:
         """Read the model that the loop is around; raises CalibrationError if of another robot."""
-        if self.compensate is None:
-            return None
-        model = truejoint.read_calibration(self.compensate)
-        model.check_robot(robot)
+        model = None if self.compensate is None else truejoint.read_calibration(self.compensate)
+        if model is not None:
+            model.check_robot(robot)
         return model
 
     def around(
@@ -159,9 +149,7 @@ class Simulated:
 
     def backend(self) -> truejoint.crtk.Backend:
         """Switch it on, not homed."""
-        made = truejoint.simulation.make_twin(
-            *options.robot_and_arm(self.robot), parameters=self.twin, seed=self.seed, load=self.load
-        )
+        made = options.make_twin(self.robot, parameters=self.twin, seed=self.seed, load=self.load)
         crtk = truejoint.crtk
         return (crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made)
 
@@ -192,6 +180,8 @@ def collect(
     --compensate the trajectories are where the joints, not their motors, are to be; with
     --closed-loop where the motors are to report to be.
     """
+    from truejoint.recordings.joint_encoders import JointEncoders
+
     topics = {
         name: options.number("--topic", f"{name}={rate}", rate)
         for name, rate in options.split_pairs("--topic", topic, "NAME=HZ").items()
@@ -207,7 +197,10 @@ def collect(
         truejoint.crtk.check_topics(device.robot, topics)
         model = loop.read(device.robot)
         output.mkdir(parents=True, exist_ok=True)
-        truth = None if encoders is None else stack.enter_context(_encoders(device, encoders))
+        truth: JointEncoders | None = None
+        if encoders is not None:
+            port = JointEncoders(encoders, device.robot.encoders, clock=lambda: device.time)
+            truth = stack.enter_context(port)
         home(device, truth)
         steering = loop.around(device, model, truth)
         how: dict[str, Any] = {
@@ -217,8 +210,7 @@ def collect(
         }  # fmt: skip
         rows = [_recorded(device, *pair, **how) for pair in pairs]
     if steering is not None:
-        steps = max(sum(steering.statuses.values()), 1)
-        counts = steering.statuses.most_common()
+        steps, counts = max(steering.statuses.total(), 1), steering.statuses.most_common()
         shares = ", ".join(f"{status.name} {100 * n / steps:.1f} %" for status, n in counts)
         say(f"steps of the loop by what was said of the sample: {shares}")
     return Result({"recordings": rows})
@@ -232,33 +224,17 @@ def _recorded(
 ) -> dict[str, Any]:
     """Record one trajectory, `how` as `record` takes it, and say so, each topic with its size."""
     recording, report, streams = record(device, trajectory, target, **how)
-    size = target.stat().st_size / 1e6
-    out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
+    size = f"{target.stat().st_size / 1e6:.1f} MB"
+    out.print(f"{target}: {len(recording)} rows, {size}; {report}")
     for name in how["topics"]:
         out.print(f"  {name}: {streams.get(name, 'nothing was said')}")
     say_dropped(recording)
     sizes = {
-        name: {
-            "rows": stream.rows,
-            "rate_hz": None if math.isnan(stream.rate) else stream.rate,
-            "bytes": stream.size,
-        }
+        name: {"rows": stream.rows, "rate_hz": stream.rate, "bytes": stream.size}
         for name, stream in streams.items()
     }
-    return {
-        "file": str(target),
-        "rows": len(recording),
-        "tracking": report.to_dict(),
-        "dropped": dict(recording.provenance.dropped),
-        "streams": sizes,
-    }
-
-
-def _encoders(device: truejoint.crtk.Arm, port: str) -> JointEncoders:
-    """Joint encoders on a serial port, stamped by the arm's clock."""
-    from truejoint.recordings.joint_encoders import JointEncoders
-
-    return JointEncoders(port, device.robot.encoders, clock=lambda: device.time)
+    facts = {"tracking": report.to_dict(), "dropped": recording.provenance.dropped}
+    return {"file": str(target), "rows": len(recording), **facts, "streams": sizes}
 
 
 def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
@@ -267,21 +243,15 @@ def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
     if truth is None and device.operating_state().is_homed:
         return
     say(f"Homing {device.robot.title} ...")
-    if truth is None:
-        device.home()
-        return
-    truth.start_registration()
+    if truth is not None:
+        truth.start_registration()
     device.home()
-    truth.register()
+    if truth is not None:
+        truth.register()
 
 
 def _to_record(
-    trajectories: list[Path],
-    output: Path,
-    has_topics: bool,
-    *,
-    resume: bool,
-    force: bool,
+    trajectories: list[Path], output: Path, has_topics: bool, *, resume: bool, force: bool
 ) -> list[tuple[truejoint.motion.Trajectory, Path]]:
     """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
     from truejoint.recordings.recorder import topics_beside

@@ -58,7 +58,7 @@ class _LazyGroup(TyperGroup):
 def command(name: str) -> Any:
     """Command, or group of commands, of words like ``"node record"``; imports it."""
     is_command, is_group = name in COMMANDS, name in GROUPS
-    run = _imported(COMMANDS[name].place) if is_command else _nothing
+    run = _imported(COMMANDS[name].place) if is_command else lambda: None
     shown = next(n for n in COMMANDS if n.startswith(f"{name} ")) if is_group else name
     epilog = f"Example: `truejoint {shown} {COMMANDS[shown].example}`"
     word = name.rpartition(" ")[2]
@@ -77,10 +77,6 @@ def command(name: str) -> Any:
 def _imported(place: str) -> Any:
     module, _, function = place.partition(":")
     return described(getattr(import_module(f"truejoint.cli.{module}"), function))
-
-
-def _nothing() -> None:
-    pass
 
 
 app = typer.Typer(

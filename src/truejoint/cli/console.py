@@ -7,14 +7,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 
 from truejoint.errors import printable
-
-if TYPE_CHECKING:  # a shell that completes a word waits for what is imported
-    from rich.console import Console, ConsoleOptions, RenderableType
-    from rich.segment import Segment
 
 # A file or pipe has no width of its own; neither tables nor lines are to be folded there.
 _LOG_WIDTH = 132
@@ -30,53 +28,25 @@ def shortened(text: str, most: int = 1000) -> str:
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 
 
-class _Console:
-    """Console through which all text passes on its way to a person, `printable`.
-
-    Brackets and colons in it are no markup. It is made when something is first printed, and prints
-    nothing while it is `quiet`.
-    """
+class _Console(Console):
+    """Console whose every piece of text is `printable`; brackets and colons in it are no markup."""
 
     def __init__(self, *, stderr: bool) -> None:
-        self._stderr = stderr
-        self.quiet = False
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._made, name)
-
-    def print(self, *objects: Any, **how: Any) -> None:
-        """Print as `rich.console.Console` does."""
-        if not self.quiet:
-            self._made.print(*objects, **how)
-
-    def __enter__(self) -> Any:
-        return self._made.__enter__()
-
-    def __exit__(self, *raised: Any) -> None:
-        self._made.__exit__(*raised)
-
-    @cached_property
-    def _made(self) -> Console:
-        from rich.console import Console
-
-        class SafeConsole(Console):
-            """Console whose every piece of text is `printable`."""
-
-            def render(
-                self, renderable: RenderableType, options: ConsoleOptions | None = None
-            ) -> Iterator[Segment]:
-                for part in super().render(renderable, options):
-                    yield part if part.control else part._replace(text=printable(part.text))
-
-        terminal = (sys.stderr if self._stderr else sys.stdout).isatty()
-        width = None if terminal else _LOG_WIDTH
-        return SafeConsole(
-            stderr=self._stderr, width=width, soft_wrap=not terminal,
+        stream = sys.stderr if stderr else sys.stdout
+        terminal = stream is not None and stream.isatty()
+        super().__init__(
+            stderr=stderr, width=None if terminal else _LOG_WIDTH, soft_wrap=not terminal,
             markup=False, emoji=False, highlight=False,
         )  # fmt: skip
 
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        for part in super().render(renderable, options):
+            yield part if part.control else part._replace(text=printable(part.text))
 
-out, err = cast("Console", _Console(stderr=False)), cast("Console", _Console(stderr=True))
+
+out, err = _Console(stderr=False), _Console(stderr=True)
 
 
 @dataclass

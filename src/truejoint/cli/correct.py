@@ -19,7 +19,6 @@ from truejoint.units import SI_UNITS
 if TYPE_CHECKING:
     import pandas as pd
 
-
 # Fewer corrected rows than this share of a recording, and the model is not for it.
 _LEAST_CORRECTED = 0.5
 _NOT_JUDGED = "NOT_JUDGED"
@@ -57,16 +56,25 @@ def correct(
     check = data_check.run(judged, model=calibration, needs_truth=False)
     tables = []
     with progress(f"Correcting {plural(len(loaded), 'recording')}") as done:
-        for count, recording in enumerate(loaded, 1):
+        for recording in loaded:
             at_zero = calibration
             if rezero_s:
                 zero = truejoint.calibration.find_zero(calibration, recording, rezero_s)
                 at_zero = calibration.at(zero)
             tables.append(correct_rows(at_zero, recording, level, on_fault))
-            done(count / len(loaded))
+            done(len(tables) / len(loaded))
     counts = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
-    _write(names, tables, output, _source_units(files, calibration), force)
-    _show(counts, output)
+    # The unit of each joint's position in the file, where a column map says another.
+    columns = files.column_map.columns if files.column_map else {}
+    of_joints = {joint: columns.get(f"measured/{joint}") for joint in calibration.joints}
+    units = {joint: column.unit for joint, column in of_joints.items() if column}
+    _write(names, tables, output, units, force)
+    rows = []
+    for each in counts:
+        flagged = ", ".join(f"{n} {status}" for status, n in each["flagged"].items()) or "-"
+        share = f"{100 * each['corrected'] / each['rows']:.1f} %"
+        rows.append((each["recording"], f"{each['rows']}", share, flagged))
+    print_table(("recording", "rows", "corrected", "in doubt, why"), rows, title=str(output))
     say(_interval_line(tables))
     if any("HOMED_AGAIN" in name for each in counts for name in each["flagged"]):
         homings = ", ".join(calibration.origin.homing_ids) or "none"
@@ -110,14 +118,11 @@ def correct_rows(
     corrector.set_homing(True, recording.provenance.homing_id or None)
     trace = corrector.run(recording)
     half_width = np.where(np.isfinite(trace.half_width), trace.half_width, np.nan)
-    values = {"corrected": trace.position, "half_width": half_width}
-    if calibration.interval is None and np.isnan(half_width).all():
-        del values["half_width"]
     columns = before | {
-        f"{name}/{joint}": array[:, k]
-        for name, array in values.items()
-        for k, joint in enumerate(joints)
+        f"corrected/{joint}": trace.position[:, k] for k, joint in enumerate(joints)
     }
+    if calibration.interval is not None or not np.isnan(half_width).all():
+        columns |= {f"half_width/{joint}": half_width[:, k] for k, joint in enumerate(joints)}
     for name, quantity in trace.beside.items():
         columns[f"{name}/{joints[0]}"], columns[f"{name}_half_width/{joints[0]}"] = quantity.T
     bits, place = np.unique(trace.status, return_inverse=True)
@@ -143,15 +148,6 @@ def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
     counts = {str(status): int(n) for status, n in table["status"].value_counts().items()}
     corrected = sum(counts.pop(status, 0) for status in ("OK", _NOT_JUDGED))
     return {"recording": name, "rows": len(table), "corrected": corrected, "flagged": counts}
-
-
-def _source_units(files: Files, calibration: truejoint.Calibration) -> dict[str, str]:
-    """Give the unit of each joint's position in the file, where a column map says another."""
-    if files.columns is None:
-        return {}
-    columns = truejoint.recordings.read_column_map(files.columns).columns
-    names = {joint: f"measured/{joint}" for joint in calibration.joints}
-    return {j: columns[name].unit for j, name in names.items() if name in columns}
 
 
 def _interval_line(tables: list[pd.DataFrame]) -> str:
@@ -186,13 +182,3 @@ def _write(
             whole = whole.rename(columns={name: f"{name} [{unit}]"})
     write = partial(Path.write_text, data=csv_text(whole), encoding="utf-8")
     write_atomically(output, write, overwrite=force, error=RecordingError)
-
-
-def _show(recordings: list[dict[str, Any]], output: Path) -> None:
-    rows = []
-    for counts in recordings:
-        flagged = ", ".join(f"{n} {status}" for status, n in counts["flagged"].items()) or "-"
-        share = f"{100 * counts['corrected'] / counts['rows']:.1f} %"
-        rows.append((counts["recording"], f"{counts['rows']}", share, flagged))
-    header = ("recording", "rows", "corrected", "in doubt, why")
-    print_table(header, rows, title=str(output))

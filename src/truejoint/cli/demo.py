@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import truejoint
 from truejoint.cli.calibrate import fit
 from truejoint.cli.collect import record
-from truejoint.cli.console import command_line, out, print_table, progress, say
+from truejoint.cli.console import command_line, out, progress, say
 from truejoint.cli.fit_options import configured
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import NETWORK
 from truejoint.files import check_folder
-from truejoint.units import display_unit
 
 # Three zig-zags between which all joints move; peng2024 judges each direction alone (II-E).
 DIRECTIONS: Final = ("J1", "J2-J3", "J1-J2-J3")
 SPARSITY: Final = 1 / 4
 NETWORKS: Final = 3
 TOLERANCE: Final = {
-    "shoulder": math.radians(0.25),
-    "elbow": math.radians(0.25),
-    "insertion": 0.25e-3,
-}
+    "shoulder": math.radians(0.25), "elbow": math.radians(0.25), "insertion": 0.25e-3
+}  # fmt: skip
 REZERO: Final = 10.0  # s
 LOAD: Final = 0.5  # kg (peng2024, II-G)
 LEVEL: Final = 0.9
@@ -38,6 +35,7 @@ JUDGING: Final = 20
 SHORT: Final = 1.5  # min
 LONG: Final = 10.0  # min, of every test but the paper's
 PAPER: Final = 20.0  # min (peng2024, II-E)
+Recordings: TypeAlias = "list[truejoint.Recording]"
 REAL: Final = "kuka_kr300_dual_encoder"  # the public one whose licence leaves nothing to ask
 
 
@@ -63,13 +61,11 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
 
     say("7. Judging")
     same_homing = [tests["inside"], tests["all over"]]
-    judged = {
-        name: truejoint.evaluate(
-            models if test in same_homing else today, test, tolerance=TOLERANCE
-        )
-        for name, test in tests.items()
-    }
-    coverage = truejoint.evaluate(models[0], short[MAKING:]).intervals
+    judged = {}
+    for name, test in tests.items():
+        fits = models if name in ("inside", "all over") else today
+        judged[name] = truejoint.evaluate(fits, test, tolerance=TOLERANCE)
+    after_homings = truejoint.evaluate(models[0], short[MAKING:])
     check = DataCheck().run(same_homing, model=models[0])
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
     checks = {"training": DataCheck().run(training, joints=models[0].joints)}
@@ -80,35 +76,33 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
     title = truejoint.recordings.datasets.DATASETS[REAL].title
     say(f"8. The same on a real robot: {title}")
     real = on_a_real_robot()
-    _show(judged, coverage, folder)
+    traces = [trace for result in judged.values() for trace in result.traces]
+    advice = truejoint.evaluation.advise(traces, judged["inside"].chosen)
+    _show(judged, after_homings, advice.text)
+    out.print(
+        f"\nOpen {folder / 'report.html'} in a browser. In Python go on by docs/first_steps.md."
+    )
     if isinstance(real, str):
         out.print(f"\nNo real recording: {real}")
     else:
         out.print(f"\n{title}: five lines of Python in docs/first_steps.md")
         out.print(truejoint.evaluation.score_table(real))
     interval = {
-        name: [getattr(score, name) for score in coverage]
+        name: [getattr(score, name) for score in after_homings.intervals]
         for name in ("half_width", "coverage", "standard_error")
     }
     values = {
         "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
-        "tolerance": TOLERANCE,
-        "interval": {"level": LEVEL, **interval},
-        "deploy": advised(judged).deploy,
-        "passed": whole.verdict.passed,
+        "tolerance": TOLERANCE, "interval": {"level": LEVEL, **interval},
+        "deploy": advice.deploy, "passed": whole.verdict.passed,
         "real": real if isinstance(real, str) else real.to_dict()["scores"],
-    }
+    }  # fmt: skip
     return Result(values, whole.verdict.passed)
 
 
 def _collected(
     folder: Path, seed: int
-) -> tuple[
-    list[truejoint.Recording],
-    dict[str, truejoint.Recording],
-    truejoint.Recording,
-    list[truejoint.Recording],
-]:
+) -> tuple[Recordings, dict[str, truejoint.Recording], truejoint.Recording, Recordings]:
     """Home and move a simulated arm, recording into `folder`.
 
     Gives the recordings to train on, those to judge on by name, the brief truth before that of the
@@ -138,9 +132,8 @@ def _collected(
         recorded(truejoint.motion.zigzag(arm.robot, direction, SPARSITY), f"zigzag_{direction}")
         for direction in DIRECTIONS
     ]
-    say(
-        "3. Motions that the models never see: well inside the workspace, and the paper's, all over"
-    )
+    what = "well inside the workspace, and the paper's, all over"
+    say(f"3. Motions that the models never see: {what}")
     space = truejoint.motion.workspace_of(arm.robot)
     half, margin = space.extent / math.sqrt(12.0), space.swings[0] / math.sqrt(3.0)
     inner = replace(space, lower=space.centre - half, upper=space.centre + half, margin=margin)
@@ -183,52 +176,24 @@ def on_a_real_robot() -> truejoint.evaluation.Evaluation | str:
     return truejoint.evaluate(model, test)
 
 
-def advised(
-    judged: Mapping[str, truejoint.evaluation.Evaluation],
-) -> truejoint.evaluation.Advice:
-    """Say which model to deploy: by the rule of every evaluation, over all tests together."""
-    traces = [trace for result in judged.values() for trace in result.traces]
-    return truejoint.evaluation.advise(traces, next(iter(judged.values())).chosen)
-
-
 def _show(
     judged: Mapping[str, truejoint.evaluation.Evaluation],
-    coverage: Sequence[truejoint.evaluation.IntervalScore],
-    folder: Path,
+    short: truejoint.evaluation.Evaluation,
+    advice: str,
 ) -> None:
-    """Print the tables, what to deploy and what to do next."""
-    first = next(iter(judged.values()))
-    rows = []
-    for name, result in judged.items():
-        for joint, unit in zip(result.joints, result.units, strict=True):
-            shown = display_unit(unit)
-            cells = []
-            for estimator in result.estimators:
-                score = result.score(estimator, joint)
-                spread = f" ± {score.spread * shown.scale:.3f}" if score.seeds > 1 else ""
-                mark = "" if score.rmse <= TOLERANCE[joint] else " !"
-                cells.append(f"{score.rmse * shown.scale:.3f}{spread}{mark}")
-            allowed = f"{TOLERANCE[joint] * shown.scale:.2f} {shown.name}"
-            rows.append((name, joint, *cells, allowed))
-    header = ("test", "joint", *first.estimators, "tolerance")
-    print_table(header, rows, title="RMSE; ! is beyond the tolerance")
-    out.print(
-        "inside: the middle 58 % of every joint's range. all over: the paper's random motion. "
-        f"new homing: the first {REZERO:g} s of truth re-zero the model. {1000 * LOAD:.0f} g: the "
-        "same homing, loaded.\n"
-    )
-    stated = [
-        f"{score.joint} ± {score.half_width * display_unit(score.unit).scale:.2f} "
-        f"{display_unit(score.unit).name}, holding {100 * score.coverage:.0f} "
-        f"± {100 * score.standard_error:.0f} %"
-        for score in coverage
-    ]
-    out.print(
-        f"{100 * LEVEL:.0f} % interval of the network after any homing and {REZERO:g} s of truth, "
-        f"on {len(coverage[0].shares)} motions of its own: {'; '.join(stated)}\n"
-    )
-    advice = []
-    for name in dict.fromkeys((first.chosen, "linear")):
+    """Print the tables, and what to deploy by the rule of every evaluation, over all tests."""
+    meanings = (
+        "the middle 58 % of every joint's range", "the paper's random motion",
+        f"the first {REZERO:g} s of truth re-zero the model", "the same homing, loaded",
+    )  # fmt: skip
+    for (name, result), meaning in zip(judged.items(), meanings, strict=True):
+        out.print(f"{name}: {meaning}", style="bold")
+        out.print(truejoint.evaluation.score_table(result))
+    motions = len(short.intervals[0].shares)
+    out.print(f"The network after any homing and {REZERO:g} s of truth, on {motions} motions:")
+    out.print(truejoint.evaluation.interval_table(short))
+    worst = []
+    for name in dict.fromkeys((short.chosen, "linear")):
         share, where = max(
             (score.rmse / TOLERANCE[score.joint], f"{score.joint}, {test}")
             for test, result in judged.items()
@@ -236,8 +201,5 @@ def _show(
             if score.estimator == name
         )
         title = truejoint.evaluation.estimator_title(name)
-        advice.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
-    out.print(f"{advised(judged).text} {'; '.join(advice)}.")
-    out.print(
-        f"\nOpen {folder / 'report.html'} in a browser. In Python go on by docs/first_steps.md."
-    )
+        worst.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
+    out.print(f"{advice} {'; '.join(worst)}.")

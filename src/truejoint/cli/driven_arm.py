@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
@@ -30,11 +30,6 @@ class RealArm:
     profile: str = ""
     truth: str = ""
     yes_move_it: bool = False
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if value and self.ros is None:
-                raise CommandRefused(f"--{name.replace('_', '-')} is for a real arm; give --ros")
 
     @contextmanager
     def or_twin(self, robot: str, backend: Callable[[], Backend], *unused: object) -> Iterator[Arm]:
@@ -66,9 +61,9 @@ class RealArm:
             for joint in sorted(robot.joints, key=lambda joint: joint.max_speed)
         }
         name = f"{robot.name}:{robot.arm}" if robot.arm else robot.name
-        what = f"a real arm moves, {name}, at up to {' and '.join(fastest.values())}"
         if self.yes_move_it:
             return
+        what = f"a real arm moves, {name}, at up to {' and '.join(fastest.values())}"
         if not sys.stdin.isatty():
             raise CommandRefused(f"{what}: agree in a terminal, or give --yes-move-it")
         if typer.prompt(f"{what}. Type its name to go on", default="", err=True) != name:

@@ -1,4 +1,4 @@
-"""`truejoint evaluate` and `compare`: judge calibrations on recordings that they never saw."""
+"""`truejoint evaluate`, `compare` and `check`: judge calibrations on recordings not seen."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Final
 
 import truejoint
-from truejoint.cli.console import command_line, out, plural, progress, say
+from truejoint.cli import options
+from truejoint.cli.console import command_line, out, plural, print_table, progress, say
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import (
     DataCheck,
@@ -24,6 +25,13 @@ from truejoint.files import check_folder
 from truejoint.units import with_unit
 
 _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
+_COLOURS: Final = {True: "green", False: "red", None: "yellow"}
+_ADVICE: Final = {
+    "shift": "efforts no longer fit the positions: was a load hung on, or a cable changed?",
+    "friction": "friction has changed",
+    "range": "many samples lie far outside what was trained",
+    "work": "the arm has worked for long since it was last compared with the truth",
+}
 
 
 @dataclass(frozen=True)
@@ -86,14 +94,14 @@ def evaluate(
             )  # fmt: skip
     if tables is not None:
         truejoint.evaluation.write_tables(result, tables, overwrite=force)
-    show(result)
+    _show(result)
     say_failed(checks["test"])
     values = {"checks": {name: each.to_dict() for name, each in checks.items()}}
     passed = result.verdict.passed and not checks["test"].failed
     return Result(result.to_dict() | values, passed)
 
 
-def show(result: truejoint.evaluation.Evaluation) -> None:
+def _show(result: truejoint.evaluation.Evaluation) -> None:
     """Print the tables and the verdict."""
     out.print(truejoint.evaluation.score_table(result))
     for name, note in result.baseline_notes.items():
@@ -106,13 +114,12 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
     if result.domain.inside < 1.0:
         out.print(truejoint.evaluation.domain_table(result))
     say(truejoint.evaluation.score_rows.domain_line(result))
-    verdict = result.verdict
-    show_verdict(verdict)
-    if verdict.advice and verdict.advice not in verdict.doubts:
-        out.print(verdict.advice)
+    _show_verdict(result.verdict)
+    if result.verdict.advice and result.verdict.advice not in result.verdict.doubts:
+        out.print(result.verdict.advice)
 
 
-def show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> None:
+def _show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> None:
     """Print a verdict with its reasons, after a `title`."""
     out.print(f"{title}{verdict.text}", style=_STYLES[verdict.level])
     for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
@@ -129,11 +136,11 @@ def compare(names: list[str], how: Judging, data_check: DataCheck, files: Files)
         )
     models, recordings = _by_title(paths), [name for name in names if name not in paths]
     first = next(iter(models.values()))
-    accepted, rezero = parse_tolerances(how.tolerance, first), how.rezero_s
+    accepted = parse_tolerances(how.tolerance, first)
     tested = files.find(recordings, part=how.part, split=how.split, model=first)()
     check = data_check.run(tested, model=first)
     judge = partial(
-        truejoint.evaluate, recordings=tested, tolerance=accepted, rezero=rezero, check=check
+        truejoint.evaluate, recordings=tested, tolerance=accepted, rezero=how.rezero_s, check=check
     )
     with progress(f"Judging {len(models)} models"):
         together = judge({title: [model] for title, model in models.items()})
@@ -148,22 +155,21 @@ def compare(names: list[str], how: Judging, data_check: DataCheck, files: Files)
         for title, evaluation in alone.items()
         for objection in evaluation.verdict.objections
     ]
-    best = {
-        joint: min((together.score(title, joint) for title in alone), key=lambda s: s.rmse)
-        for joint in together.joints
-    }
     out.print(truejoint.evaluation.score_table(together))
-    for joint, score in best.items():
+    best = {}
+    for joint in together.joints:
+        score = min((together.score(title, joint) for title in alone), key=lambda s: s.rmse)
+        best[joint] = score.estimator
         out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
     for title, evaluation in alone.items():
-        show_verdict(evaluation.verdict, f"{title}: ")
+        _show_verdict(evaluation.verdict, f"{title}: ")
     if together.verdict.advice and not objections:
         out.print(together.verdict.advice)
     say_failed(check)
     values = {
         "check": check.to_dict(),
         "scores": together.to_dict()["scores"],
-        "best": {joint: score.estimator for joint, score in best.items()},
+        "best": best,
         "deploy": "" if objections else together.verdict.deploy,
         "advice": "" if objections else together.verdict.advice,
         "verdicts": {title: judged.to_dict()["verdict"] for title, judged in alone.items()},
@@ -174,10 +180,92 @@ def compare(names: list[str], how: Judging, data_check: DataCheck, files: Files)
 
 def _by_title(paths: Sequence[str]) -> dict[str, truejoint.Calibration]:
     """Read models by file and estimator; those whose files are called alike go by their paths."""
-    stems = [Path(path).stem for path in paths]
-    models = {}
+    stems, models = [Path(path).stem for path in paths], {}
     for path, stem in zip(paths, stems, strict=True):
         model = truejoint.read_calibration(path)
         estimator = "auto" if "choice" in model.metadata else model.estimator
         models[f"{path if stems.count(stem) > 1 else stem} ({estimator})"] = model
     return models
+
+
+def check(
+    model: Path,
+    recording: str,
+    files: Files,
+    against: Path | None = None,
+    level_percent: float | None = None,
+    part: str | None = None,
+) -> Result:
+    """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
+    from truejoint.calibration.interval import LEVEL
+
+    stated = options.share(level_percent)
+    level = LEVEL if stated is None else stated
+    calibration = truejoint.read_calibration(model)
+    other = None if against is None else truejoint.read_calibration(against)
+    if stated is not None or calibration.interval is not None:
+        calibration.required_interval().index(level)
+    loaded = files.one(recording, part=part, model=calibration)
+    if other is None:
+        with progress("Comparing with the truth"):
+            result = truejoint.runtime.check_calibration(calibration, loaded, stated)
+        return _report_check(calibration, result)
+    with progress("Comparing the two calibrations"):
+        agreement = truejoint.calibration.compare_calibrations(calibration, other, loaded, level)
+    return _report_agreement(calibration, agreement)
+
+
+def _report_check(
+    calibration: truejoint.Calibration, result: truejoint.runtime.CalibrationCheck
+) -> Result:
+    rows = []
+    for joint in result.joints:
+        values = (joint.rmse, joint.offset, joint.offset_sd, joint.rezeroed_rmse, joint.half_width)
+        rmse, offset, offset_sd, residual, half_width = (with_unit(v, joint.unit) for v in values)
+        inside = "-" if joint.holds is None else f"{100 * joint.inside:.0f} %"
+        rows.append(
+            (joint.joint, rmse, f"{offset} ± {offset_sd}", residual, f"± {half_width}", inside)
+        )
+    header = ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside")
+    print_table(header, rows, title=f"{calibration.estimator} of {calibration.title}, now")
+    out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s")
+    if calibration.interval is not None:
+        out.print(f"The interval is {calibration.interval.meaning}")
+    out.print(_verdict(result), style=_COLOURS[result.holds])
+    facts = result.to_dict()
+    for name in facts["reasons"]:
+        say(f"monitor: {_ADVICE[name]}")
+    return Result(facts, passed=result.holds is not False)
+
+
+def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
+    stated = f"The {100 * result.level:g} % interval"
+    worst = ", ".join(joint.joint for joint in result.joints if joint.holds is False)
+    verdicts = {
+        None: "No verdict: the model states no interval. Make one with "
+        "`truejoint calibrate ... --interval RECORDING`.",
+        True: f"{stated} holds: most readings lie inside it in every joint.",
+        False: f"{stated} no longer holds in {worst}: most readings lie outside it. Re-zero it "
+        "(`truejoint rezero`), or calibrate anew where much is left after re-zeroing.",
+    }
+    return verdicts[result.holds]
+
+
+def _report_agreement(
+    calibration: truejoint.Calibration, agreement: truejoint.calibration.Agreement
+) -> Result:
+    names = ("difference", "allowed", "inside", "consistent")
+    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
+    columns = [getattr(agreement, name).tolist() for name in names]
+    rows = list(zip(calibration.joints, units, *columns, strict=True))
+    lines = [
+        (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
+        for joint, unit, off, allowed, inside, _ in rows
+    ]
+    header = ("joint", "RMS", "both intervals, RMS", "inside")
+    print_table(header, lines, title="Difference of the two calibrations")
+    good, more = bool(agreement.consistent.all()), "at least one interval is too narrow here"
+    verdict = "no more than both state." if good else f"more than both state: {more}."
+    out.print(f"They differ by {verdict}", style=_COLOURS[good])
+    joints = [dict(zip(("joint", "unit", *names), row, strict=True)) for row in rows]
+    return Result({"level": agreement.level, "joints": joints}, passed=good)

@@ -1,18 +1,20 @@
-"""`truejoint extract`: one recording of the bags or files of a session, with their truth."""
+"""`truejoint extract` and `columns`: recordings of bags, and of files with others' columns."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import truejoint
+from truejoint.cli import options
 from truejoint.cli.console import command_line, out, plural, progress, say
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, say_dropped
-from truejoint.errors import RecordingError
-from truejoint.files import check_ending, check_target
+from truejoint.errors import RecordingError, printable
+from truejoint.files import check_ending, check_target, write_atomically
 
 _MANY: Final = 0.05  # stray readings, as a share of all
 
@@ -33,10 +35,6 @@ class Truth:
     def __post_init__(self) -> None:
         if self.truth_columns is not None and not self.is_file:
             raise RecordingError("--truth-columns needs --truth FILE, the file that it maps")
-        if self.truth and self.is_tracked:
-            raise RecordingError("--truth and --tracker both give the truth; give one")
-        if self.near_s is not None and self.offset_s is not None:
-            raise RecordingError("--near-s and --offset-s: give one of the two")
 
     @property
     def is_file(self) -> bool:
@@ -129,16 +127,22 @@ def extract(
     """
     from truejoint.crtk.messages import USUAL_QUANTITIES
 
+    recordings = truejoint.recordings
     if output is None:
         if (truth, files) != (Truth(), Files()) or any((profile, state, quantity, force)):
             raise RecordingError("without --out the topics are listed, which takes --json alone")
-        return _list_topics(names)
+        topics = recordings.bag_topics(names)
+        for name, (type_, count) in sorted(topics.items()):
+            out.print(f"{name}  {type_}  {count}", soft_wrap=True)
+        return Result({n: {"type": t, "messages": c} for n, (t, c) in topics.items()})
     check_ending(output, ".parquet", "a recording", RecordingError)
     check_target(output, overwrite=force)
-    if len(names) > 1 or _is_bag(names[0], files):
+    kind = files.overrides.get("format")
+    is_bag = files.columns is None and (kind or recordings.detect_format(names[0])) == "bag"
+    if len(names) > 1 or is_bag:
         with progress(f"Reading {plural(len(names), 'bag')}"):
             track = truth.track(names)
-            recording = truejoint.recordings.read_bag(
+            recording = recordings.read_bag(
                 names, *files.arm, profile=profile, state=state,
                 truth=truth.topic, quantities=(*USUAL_QUANTITIES, *(quantity or ())),
                 offset=truth.offset_s, near=truth.near_s,
@@ -164,15 +168,17 @@ def extract(
     return Result({"recording": str(output), **counts, **recording.provenance.to_dict(), **facts})
 
 
-def _is_bag(path: Path, files: Files) -> bool:
-    if files.columns is not None:
-        return False
-    kind = files.overrides.get("format") or truejoint.recordings.detect_format(path)
-    return bool(kind == "bag")
+def columns(path: Path, robot: str = "", output: Path | None = None, force: bool = False) -> None:
+    """Write a column map for a file, its columns guessed by their names, for you to mend.
 
-
-def _list_topics(bags: list[Path]) -> Result:
-    topics = truejoint.recordings.bag_topics(bags)
-    for name, (kind, count) in sorted(topics.items()):
-        out.print(f"{name}  {kind}  {count}", soft_wrap=True)
-    return Result({n: {"type": kind, "messages": c} for n, (kind, c) in topics.items()})
+    Other commands take it with `--columns`.
+    """
+    if output is not None:
+        check_target(output, overwrite=force)
+    text = truejoint.recordings.sketch_column_map(path, *options.robot_and_arm(robot)) + "\n"
+    if output is None:
+        out.print(text, end="", soft_wrap=True)
+    else:
+        write = partial(Path.write_text, data=printable(text), encoding="utf-8")
+        write_atomically(output, write, overwrite=force, error=RecordingError)
+        out.print(f"{output}: mend it, then give it with --columns")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import truejoint
 from truejoint.cli.console import out, say
+from truejoint.cli.options import make_twin
 from truejoint.cli.recording_options import Files, read_trajectory
 from truejoint.errors import TruejointError
 from truejoint.robots.catalogue import DEFAULT
@@ -37,8 +38,6 @@ def monitor(
     try:
         with ExitStack() as stack:
             if recording is not None:
-                if follow is not None or twin is not None or seed is not None:
-                    raise TruejointError("--follow, --twin and --seed are for a simulated arm")
                 shown = files.one(recording, model=calibration)
                 page = truejoint.monitor.RecordingPage(shown, calibration, host=host, port=port)
                 _open(stack.enter_context(page))
@@ -46,11 +45,9 @@ def monitor(
                 if files != Files(robot=files.robot):
                     raise TruejointError("--columns and --metadata need a recording")
                 motions = None if follow is None else [read_trajectory(follow)]
-                robot, arm_name = files.arm
-                made = truejoint.simulation.make_twin(
-                    robot or DEFAULT, arm_name, parameters=twin or "nominal", seed=seed or 0
-                )
-                arm = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(made)))
+                how = {"parameters": twin or "nominal", "seed": seed or 0}
+                backend = truejoint.crtk.PacedBackend(make_twin(files.robot or DEFAULT, **how))
+                arm = stack.enter_context(truejoint.crtk.Arm(backend))
                 live = truejoint.monitor.ArmPage(
                     arm, calibration, host=host, port=port, remote_control=remote_control
                 )

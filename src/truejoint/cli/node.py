@@ -77,12 +77,10 @@ def correct(
     level = options.share(level_percent)
     with as_node("truejoint_correct", link.ros) as transport:
         calibration = truejoint.read_calibration(model)
-        choices = [calibration]
-        if calibration.redundant:
-            choices.append(calibration.without_redundant())
+        others = [calibration.without_redundant()] if calibration.redundant else []
         correctors = [
             truejoint.runtime.Corrector(choice, level=level, on_fault=on_fault)
-            for choice in choices
+            for choice in (calibration, *others)
         ]
         node = CorrectorNode(
             transport, correctors, calibration.machine, profile,
@@ -106,9 +104,7 @@ def simulate(
     """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
     from truejoint.crtk.server import ArmServer
 
-    made = truejoint.simulation.make_twin(
-        *options.robot_and_arm(robot), parameters=twin, seed=seed, load=load_grams / 1e3
-    )
+    made = options.make_twin(robot, parameters=twin, seed=seed, load=load_grams / 1e3)
     if quirks and made.robot.name != DEFAULT:
         raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
     profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""

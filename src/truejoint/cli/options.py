@@ -7,18 +7,19 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache, wraps
-from importlib import resources
+from importlib import import_module, resources
 from typing import Annotated, Any, Final, NamedTuple, get_origin
 
 import typer
 
 import truejoint
-from truejoint.cli import complete
 from truejoint.cli.console import out, result_json
 from truejoint.errors import CommandRefused
 from truejoint.estimators.registry import OWN
+from truejoint.summary import json_values
 
 CHECK_FAILED: Final = 1
+_DATASETS: Final = "recordings.datasets:DATASETS"
 
 
 def share(percent: float | None) -> float | None:
@@ -62,6 +63,11 @@ def get_robot(text: str) -> truejoint.robots.Robot:
     return truejoint.get_robot(*robot_and_arm(text))
 
 
+def make_twin(robot: str, **how: Any) -> truejoint.simulation.Twin:
+    """Make the digital twin of the robot arm of ``"raven2:right"``, `how` as for every twin."""
+    return truejoint.simulation.make_twin(*robot_and_arm(robot), **how)
+
+
 class Result(NamedTuple):
     """What a command gives back: `values` for ``--json``, and whether what it judged has passed."""
 
@@ -74,35 +80,43 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
 
     A parameter whose type is a dataclass stands for options that are its fields. An option is
     described in the section of that class, of the command (its module, or module and function), or
-    in ``shared``. A command that returns a `Result` has ``--json``, and exit code 1 if that has not
-    passed.
+    in ``shared``, with options of which it needs one, or that it excludes. A command that returns a
+    `Result` has ``--json``, and exit code 1 if that has not passed.
     """
     signature = inspect.signature(command, eval_str=True)
     module = command.__module__.rpartition(".")[2]
     sections = (f"{module}.{command.__name__}", module)
     groups: dict[str, tuple[Any, list[str]]] = {}
-    parameters = []
+    parameters: list[inspect.Parameter] = []
+    entries: dict[str, dict[str, Any]] = {}
+
+    def add(parameter: inspect.Parameter, *sections: str) -> None:
+        entries[parameter.name] = entry = _entry(parameter, sections)
+        parameter = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        parameters.append(_described(parameter, entry) if entry else parameter)
+
     for name, parameter in signature.parameters.items():
         if is_dataclass(kind := parameter.annotation):
             fields = inspect.signature(kind, eval_str=True).parameters  # type: ignore[arg-type]
             groups[name] = kind, list(fields)
-            group_sections = (getattr(kind, "__name__", ""), *sections)
-            parameters += [_described(each, group_sections) for each in fields.values()]
+            for each in fields.values():
+                add(each, getattr(kind, "__name__", ""), *sections)
         else:
-            parameters.append(_described(parameter, sections))
+            add(parameter, *sections)
     if signature.return_annotation in (Result, Result | None):
         keyword = inspect.Parameter.KEYWORD_ONLY
-        as_json = inspect.Parameter("as_json", keyword, default=False, annotation=bool)
-        parameters.append(_described(as_json, sections))
+        add(inspect.Parameter("as_json", keyword, default=False, annotation=bool), *sections)
 
     @wraps(command)
     def run(**values: Any) -> None:
+        stated = {p.name for p in parameters if values.get(p.name) not in (None, p.default)}
+        _check_together(stated, entries)
         out.quiet = values.pop("as_json", False)
         for name, (kind, fields) in groups.items():
             values[name] = kind(**{field: values.pop(field) for field in fields})
         result = command(**values)
         if result is not None:
-            result_json(result.values)
+            result_json(json_values(result.values))
             if not result.passed:
                 raise typer.Exit(CHECK_FAILED)
 
@@ -117,20 +131,63 @@ def _help() -> dict[str, Any]:
     return tomllib.loads(text.replace("{estimators}", ", ".join(OWN)))
 
 
-def _described(parameter: inspect.Parameter, sections: tuple[str, ...]) -> inspect.Parameter:
-    """Give a parameter its option or argument, unless the command itself has stated one."""
-    parameter = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+def _entry(parameter: inspect.Parameter, sections: tuple[str, ...]) -> dict[str, Any]:
+    """Find what `help.toml` says of a parameter; nothing where the command states its option."""
     kind, name = parameter.annotation, parameter.name
     if kind is typer.Context or get_origin(kind) is Annotated:
-        return parameter
+        return {}
     pages = (_help().get(section, {}) for section in (*sections, "shared"))
-    entry = next((page[name] for page in pages if name in page), None)
+    entry: dict[str, Any] | None = next((page[name] for page in pages if name in page), None)
     if entry is None:
         raise TypeError(f"help.toml says nothing of {name} of {sections[-1]}")
+    return entry
+
+
+def _check_together(stated: set[str], entries: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse options without any that they need, and beside one that they exclude."""
+
+    def flag(name: str) -> str:
+        entry = entries[name]
+        is_argument = entry.get("argument")
+        return str(entry["metavar"]) if is_argument else f"--{name.replace('_', '-')}"
+
+    for name in sorted(stated):
+        needed, excluded = entries[name].get("needs", ()), entries[name].get("excludes", ())
+        if needed and not stated & set(needed):
+            raise CommandRefused(f"{flag(name)} needs {' or '.join(map(flag, needed))}")
+        for other in stated & set(excluded):
+            raise CommandRefused(f"{flag(name)} and {flag(other)}: give one of the two")
+
+
+def _described(parameter: inspect.Parameter, entry: Mapping[str, Any]) -> inspect.Parameter:
+    """Give a parameter its option or argument."""
     make = typer.Argument if entry.get("argument") else typer.Option
     how = {key: entry[key] for key in ("help", "metavar", "min", "max") if key in entry}
     if "panel" in entry:
         how["rich_help_panel"] = entry["panel"]
     if "complete" in entry:
-        how["autocompletion"] = complete.named(entry["complete"])
-    return parameter.replace(annotation=Annotated[kind, make(*entry.get("flags", ()), **how)])
+        ending = "=" if "=" in entry.get("metavar", "") else ""
+        how["autocompletion"] = _names(entry["complete"], ending)
+    option = make(*entry.get("flags", ()), **how)
+    return parameter.replace(annotation=Annotated[parameter.annotation, option])
+
+
+def _names(place: str, ending: str) -> Callable[[str], list[Any]]:
+    """Give what completes a word to the names of a ``module:collection``, each with an ending.
+
+    Those of a mapping stand beside what each means, where its values say so. Data sets that stand
+    where files do, ``"recordings"``, wait for a letter: files are the shell's own to complete.
+    """
+
+    def names(incomplete: str) -> list[Any]:
+        module, _, name = (_DATASETS if place == "recordings" else place).partition(":")
+        if place == "recordings" and not incomplete:
+            return []
+        values = getattr(import_module(f"truejoint.{module}"), name)
+        values = values() if callable(values) else values
+        if not isinstance(values, Mapping):
+            return [f"{value}{ending}" for value in values]
+        meanings = {key: getattr(v, "summary", v) for key, v in values.items()}
+        return [(key, m if isinstance(m, str) else "") for key, m in meanings.items()]
+
+    return names

@@ -20,10 +20,9 @@ from truejoint.units import display_unit
 
 Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
-
 _NUMBERS: Final = ("load_grams", "rate_hz")
 _OF_RECORDING: Final = ("homing_id", "load_grams", "session")
-_OF_FILE: Final = ("format", "rate_hz", "truth_unit", "truth_zero")
+METADATA: Final = (*_OF_RECORDING, "format", "rate_hz", "truth_unit", "truth_zero")
 
 
 def parse_metadata(
@@ -58,7 +57,12 @@ class Files:
     @cached_property
     def overrides(self) -> dict[str, Any]:
         """Values of ``--metadata`` by key; raises RecordingError as `parse_metadata`."""
-        return parse_metadata(self.metadata, (*_OF_RECORDING, *_OF_FILE))
+        return parse_metadata(self.metadata, METADATA)
+
+    @cached_property
+    def column_map(self) -> Any:
+        """What ``--columns`` says, read; None without it."""
+        return self.columns and truejoint.recordings.read_column_map(self.columns)
 
     @property
     def arm(self) -> tuple[str, str]:
@@ -98,10 +102,10 @@ class Files:
         readers = [files._reader(name, joints, model) for name in names]
         if split is not None:
             return files._split_side(only_dataset(names), split, held_out)
+        what = names[0] if len(names) == 1 else f"{len(names)} recordings"
 
         def read() -> list[truejoint.Recording]:
             recordings: list[truejoint.Recording] = []
-            what = names[0] if len(names) == 1 else f"{len(names)} recordings"
             with progress(f"Reading {what}") as done:
                 for count, reader in enumerate(readers, 1):
                     recordings += reader()
@@ -132,13 +136,9 @@ class Files:
         formats, kind = truejoint.recordings.format_names(), self.overrides.get("format")
         if kind is not None and kind not in formats:
             raise RecordingError(unknown("format", kind, formats))
-        carried = model is not None and model.robot not in truejoint.robots.robot_names()
-        if (
-            model is not None
-            and carried
-            and self.robot in (model.robot, f"{model.robot}:{model.arm}")
-        ):
-            return replace(self, robot=None)
+        if model is not None and self.robot in (model.robot, f"{model.robot}:{model.arm}"):
+            is_carried = model.robot not in truejoint.robots.robot_names()
+            return replace(self, robot=None) if is_carried else self
         if self.robot is not None:
             options.get_robot(self.robot).index(list(joints))
         return self
@@ -171,28 +171,24 @@ class Files:
         """Those of the paths that nobody named one by one which are recordings; tell the others."""
         from truejoint.recordings.read import reading
 
-        usable = []
-        for path in paths:
-            reason = reading.why_no_recording(path, self.overrides.get("format"), self.columns)
+        kind = self.overrides.get("format")
+        reasons = {path: reading.why_no_recording(path, kind, self.columns) for path in paths}
+        for path, reason in reasons.items():
             if reason:
                 say(f"  {path}: left out: {reason}")
-            else:
-                usable.append(path)
-        if not usable:
+        if all(reasons.values()):
             raise RecordingError(f"{name}: none of {len(paths)} files there is a recording")
-        return usable
+        return [path for path, reason in reasons.items() if not reason]
 
     def _read(self, path: Path, model: truejoint.Calibration | None) -> list[truejoint.Recording]:
-        sets = truejoint.recordings
-        mapped, (robot, arm) = self.columns is not None, self.arm
-        kind = self.overrides.get("format") or sets.detect_format(path, with_map=mapped)
-        stated = {
-            "robot": robot, "arm": arm, "column_map": self.columns,
-            "rate": self.overrides.get("rate_hz"), "truth_unit": self.overrides.get("truth_unit"),
-            "truth_zero": self.overrides.get("truth_zero"),
-        }  # fmt: skip
-        named = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
-        if model is not None and not named and kind in sets.FORMATS:
+        sets, overrides, (robot, arm) = truejoint.recordings, self.overrides, self.arm
+        has_map = self.columns is not None
+        kind = overrides.get("format") or sets.detect_format(path, with_map=has_map)
+        stated: dict[str, Any] = {"robot": robot, "arm": arm, "column_map": self.columns}
+        stated |= {key: overrides.get(key) for key in ("truth_unit", "truth_zero")}
+        stated["rate"] = overrides.get("rate_hz")
+        is_named = self.robot or (has_map and self.column_map.robot)
+        if model is not None and not is_named and kind in sets.FORMATS:
             of_model = {"robot": model.machine, "arm": model.arm}
             takes = sets.FORMATS[kind].options
             stated |= {key: name for key, name in of_model.items() if key in takes}
@@ -261,14 +257,9 @@ def _replayed(path: Path) -> truejoint.motion.Trajectory:
     recording = truejoint.read_recording(path)
     kind = "setpoint" if recording.joints_of("setpoint") else "measured"
     joints = tuple(j for j in recording.joints_of(kind) if j in recording.robot.joint_names)
-    columns = [f"{kind}/{joint}" for joint in joints]
-    return truejoint.motion.Trajectory(
-        joints,
-        tuple(recording.units[name] for name in columns),
-        recording.table[columns].to_numpy(),
-        recording.column("t"),
-        name=path.stem,
-    )
+    units = tuple(recording.units[f"{kind}/{joint}"] for joint in joints)
+    positions, t = recording.columns(kind, joints), recording.column("t")
+    return truejoint.motion.Trajectory(joints, units, positions, t, name=path.stem)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, NewModel
 from truejoint.cli.touch import report_touches
 from truejoint.errors import CalibrationError
-from truejoint.summary import json_values
 from truejoint.units import with_unit
 
 
@@ -28,16 +27,6 @@ class Source:
     touch_sd_mm: float | None = None
     motor: Path | None = None
 
-    def __post_init__(self) -> None:
-        if (self.touches is None) != (self.bolted is None):
-            raise CalibrationError("--touches and --bolted belong together: give both, or neither")
-        if self.touches is None and self.touch_sd_mm is not None:
-            raise CalibrationError("--touch-sd-mm is for --touches; leave it out")
-        if self.motor is not None and self.touches is not None:
-            raise CalibrationError("--touches and --motor each give the zero; give one of the two")
-        if self.seconds is not None and (self.touches or self.motor):
-            raise CalibrationError("--seconds is for the truth in a recording; leave it out")
-
 
 def rezero(
     model: Path, new: NewModel, source: Source, files: Files, recording: str | None = None
@@ -49,16 +38,15 @@ def rezero(
     """
     from truejoint.tip.block import TOUCH_SD
 
-    calibration = truejoint.read_calibration(model)
+    calibration, tip = truejoint.read_calibration(model), truejoint.tip
     if recording is None and source.touches is None:
         raise CalibrationError("name the recording to re-zero from, or give --touches")
     name = recording or str((source.touches or Path()).with_suffix(".parquet"))
     if source.touches is not None and source.bolted is not None:
-        pose = truejoint.tip.read_pose(source.bolted)
-        made = truejoint.tip.read_touches(source.touches)
-        loaded = files.one(name, model=calibration)
+        pose, made = tip.read_pose(source.bolted), tip.read_touches(source.touches)
         sd = TOUCH_SD if source.touch_sd_mm is None else source.touch_sd_mm / 1e3
-        zero, fit = truejoint.tip.zero_by_touch(calibration, loaded, made, pose, touch_sd=sd)
+        loaded = files.one(name, model=calibration)
+        zero, fit = tip.zero_by_touch(calibration, loaded, made, pose, touch_sd=sd)
         result = _write(calibration, zero, new, report_touches(fit, made))
         out.print(f"{new.output}: re-zeroed by {len(made)} touches of {pose.title}")
         move = with_unit(zero.details["unnoticed_move"], "m")
@@ -71,29 +59,20 @@ def rezero(
     loaded = files.one(name, model=calibration)
     if source.motor is not None:
         by = None if source.motor == model else truejoint.read_calibration(source.motor)
-        return _by_motor(calibration, loaded, by, new)
+        with progress("Comparing both sides of the cable"):
+            zero, by_motor = truejoint.calibration.motor_zero(calibration, loaded, by)
+        new.write(calibration.at(zero))
+        shift, deviation = (with_unit(v, "m") for v in (by_motor.shift, by_motor.deviation))
+        out.print(f"x2 reads too much by {shift} ± {deviation}")
+        done = "taken off" if by_motor.correction else "left alone: it is within its own deviation"
+        out.print(f"{new.output}: {done}")
+        facts = {**vars(by_motor), "correction": by_motor.correction}
+        return Result({"model": str(new.output), **facts})
     duration = math.inf if source.seconds is None else source.seconds
     zero = truejoint.calibration.find_zero(calibration, loaded, duration)
     result = _write(calibration, zero, new, {})
     out.print(f"{new.output}: re-zeroed by the truth of {name}")
     return result
-
-
-def _by_motor(
-    calibration: truejoint.Calibration,
-    cycles: truejoint.Recording,
-    by: truejoint.Calibration | None,
-    new: NewModel,
-) -> Result:
-    with progress("Comparing both sides of the cable"):
-        zero, by_motor = truejoint.calibration.motor_zero(calibration, cycles, by)
-    new.write(calibration.at(zero))
-    shift, sd = (with_unit(value, "m") for value in (by_motor.shift, by_motor.deviation))
-    out.print(f"x2 reads too much by {shift} ± {sd}")
-    done = "taken off" if by_motor.correction else "left alone: it is within its own deviation"
-    out.print(f"{new.output}: {done}")
-    facts = {**vars(by_motor), "correction": by_motor.correction}
-    return Result({"model": str(new.output), **facts})
 
 
 def _write(
@@ -105,11 +84,11 @@ def _write(
     """Write the calibration at a zero, and print that."""
     new.write(calibration.at(zero))
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
-    values = zip(calibration.joints, units, zero.shift, zero.deviation, strict=True)
+    offsets = zip(calibration.joints, units, zero.shift, zero.deviation, strict=True)
     rows = [
         (joint, with_unit(offset, unit), "-" if math.isnan(sd) else f"± {with_unit(sd, unit)}")
-        for joint, unit, offset, sd in values
+        for joint, unit, offset, sd in offsets
     ]
     print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {calibration.title}, now")
-    facts = {"model": str(new.output), **schema.plain(zero), "sd": zero.deviation, **facts}
-    return Result(json_values(facts))
+    values = {"model": str(new.output), **schema.plain(zero), "sd": zero.deviation, **facts}
+    return Result(values)

@@ -1,16 +1,20 @@
-"""`truejoint show`: describe a model file, a recording, a data set or a trajectory."""
+"""`truejoint show`: describe a model, a recording or a trajectory; `datasets`: public ones."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import typer
+
 import truejoint
-from truejoint.cli import datasets, options
-from truejoint.cli.console import out, print_facts, print_table, shortened
+from truejoint.cli import options
+from truejoint.cli.console import out, print_facts, print_table, progress, shortened
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files
+from truejoint.errors import RecordingError
 from truejoint.files import head_of
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
@@ -19,6 +23,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajectories
+_ANY_HOMING: Final = "any one, the first that the loop is told: training named none"
+_MOST: Final = 12  # items of a list that are shown
+# What stands in a model's summary, or beside it in other words.
+_TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
 
 
 def show(name: str, files: Files) -> Result:
@@ -30,7 +38,7 @@ def show(name: str, files: Files) -> Result:
     if name.partition(":")[0] in truejoint.robots.robot_names() and not path.exists():
         return tell_robot(options.get_robot(name))
     if name in DATASETS and not path.exists():
-        facts = datasets.dataset_facts(DATASETS[name])
+        facts = _dataset_facts(DATASETS[name])
         texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
         print_facts(DATASETS[name].title, texts.items())
         return Result(facts)
@@ -44,13 +52,12 @@ def show(name: str, files: Files) -> Result:
     else:
         described = [recording_facts(recording) for recording in files.find([name])()]
     for facts, columns in described:
-        identified = facts.get("identified", {})
         print_facts(name, _texts({k: v for k, v in facts.items() if k != "identified"}))
-        if identified:
-            rows = [
-                [key, unit, f"{value:.4g}", f"{deviation:.2g}"]
-                for key, (value, deviation, unit) in identified.items()
-            ]
+        rows = [
+            [key, unit, f"{value:.4g}", f"{deviation:.2g}"]
+            for key, (value, deviation, unit) in facts.get("identified", {}).items()
+        ]
+        if rows:
             print_table(("identified", "unit", "value", "deviation"), rows)
         header = ("column", "unit", "lowest", "highest", "missing")
         print_table(header, [_column_texts(column) for column in columns])
@@ -74,34 +81,26 @@ def tell_robot(robot: truejoint.robots.Robot) -> Result:
 
 def _is_trajectory(path: Path) -> bool:
     """Whether a file begins as our trajectories do, or with the laboratory's three numbers."""
-    if path.suffix != ".csv":
-        return False
-    first = head_of(path, 1000).partition(b"\n")[0]
-    try:
-        return first.startswith(b"# truejoint trajectory") or len(
-            [float(field) for field in first.split(b",")]
-        ) == len(_LABORATORY)
-    except ValueError:
-        return False
+    first = head_of(path, 1000).partition(b"\n")[0] if path.suffix == ".csv" else b""
+    if first.startswith(b"# truejoint trajectory"):
+        return True
+    with suppress(ValueError):
+        return len([float(field) for field in first.split(b",")]) == len(_LABORATORY)
+    return False
 
 
 def tell_trajectory(
     trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot
 ) -> Result:
     """Print range, path length and duration of a trajectory."""
-    q = trajectory.positions
-    ranges = {
-        "lower": q.min(axis=0),
-        "upper": q.max(axis=0),
-        "path_length": abs(q[1:] - q[:-1]).sum(axis=0),
-    }
-    duration = truejoint.motion.nominal_duration(trajectory, robot)
-    header = ("joint", "from", "to", "path", "unit")
+    q, duration = trajectory.positions, truejoint.motion.nominal_duration(trajectory, robot)
+    path_length = abs(q[1:] - q[:-1]).sum(axis=0)
+    ranges = {"lower": q.min(axis=0), "upper": q.max(axis=0), "path_length": path_length}
     rows = []
     for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
         unit = display_unit(robot.joint(name).unit)
         rows.append((name, *(f"{value * unit.scale:.2f}" for value in values), unit.name))
-    print_table(header, rows, title=trajectory.name)
+    print_table(("joint", "from", "to", "path", "unit"), rows, title=trajectory.name)
     out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}")
     plain = {name: values.tolist() for name, values in ranges.items()}
     about = {"name": trajectory.name, "joints": list(trajectory.joints)}
@@ -143,12 +142,6 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return facts, columns
 
 
-_ANY_HOMING: Final = "any one, the first that the loop is told: training named none"
-_MOST: Final = 12  # items of a list that are shown
-# What stands in a model's summary, or beside it in other words.
-_TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
-
-
 def recording_facts(
     recording: truejoint.Recording,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -172,8 +165,7 @@ def _column(name: str, unit: str, values: ArrayLike) -> dict[str, Any]:
 
 
 def _column_texts(column: Mapping[str, Any]) -> list[str]:
-    unit = display_unit(column["unit"])
-    bounds = (column["lowest"], column["highest"])
+    unit, bounds = display_unit(column["unit"]), (column["lowest"], column["highest"])
     low, high = ("-" if value is None else f"{value * unit.scale:.4g}" for value in bounds)
     return [column["column"], unit.name, low, high, str(column["missing"] or "-")]
 
@@ -196,3 +188,53 @@ def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         elif value not in (None, "", []):
             text = f"{value:.6g}" if isinstance(value, float) else str(value)
             yield key, shortened(text, 300) if key == "settings" else text
+
+
+def datasets(context: typer.Context) -> Result | None:
+    """List public recordings of real joints, and whether they are on this machine.
+
+    `truejoint show NAME` describes one; `truejoint datasets fetch NAME` fetches it.
+    """
+    from rich.table import Table
+
+    if context.invoked_subcommand is not None:
+        return None
+    every = truejoint.recordings.datasets.DATASETS.values()
+    table = Table("name", "what", "MB", "licence", "here")
+    for dataset in every:
+        size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
+        here = "yes" if _is_here(dataset) else "no"
+        table.add_row(dataset.name, dataset.title, size, licence, here)
+    out.print(table)
+    return Result({"datasets": [_dataset_facts(dataset) for dataset in every]})
+
+
+def fetch(name: str, pattern: str = "*") -> Result:
+    """Fetch a data set from its upstream repository and check the hash of every file."""
+    sets = truejoint.recordings.datasets
+    with progress(f"Fetching {name} from {sets.get_dataset(name).repository}") as done:
+        folder = sets.fetch(name, pattern, progress=done)
+    out.print(f"{name} is in {folder}")
+    return Result({"name": name, "folder": str(folder)})
+
+
+def _dataset_facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, Any]:
+    """Describe a data set: its source, how to cite it, how to judge on it."""
+    return {
+        "name": dataset.name,
+        "robot": dataset.robot,
+        "upstream": f"{dataset.repository} @ {dataset.commit}",
+        "licence": dataset.licence or "none stated: evaluate it, do not pass it on",
+        "notice": dataset.notice,
+        "citation": dataset.citation,
+        "here": _is_here(dataset),
+        "recordings": [recording.name for recording in dataset.recordings],
+        "features": list(dataset.features),
+        "splits": [split.name for split in dataset.splits],
+    }
+
+
+def _is_here(dataset: truejoint.recordings.datasets.Dataset) -> bool:
+    with suppress(RecordingError):
+        return bool(truejoint.recordings.datasets.locate(dataset.name))
+    return False

@@ -39,8 +39,6 @@ def study(
     studies, several = _named(name), name not in STUDIES
     if several and options:
         raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
-    if jobs is not None and cluster is not None:
-        raise StudyError("--jobs is for processes on this computer; give it or --cluster")
     where = {"jobs": jobs or len(os.sched_getaffinity(0)), "cluster": cluster}
     from truejoint.studies import page
 

@@ -9,7 +9,8 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +18,7 @@ import truejoint
 from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, say
 from truejoint.cli.driven_arm import RealArm
-from truejoint.cli.options import robot_and_arm
+from truejoint.cli.options import make_twin
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.files import check_target, read_small, write_atomically
 from truejoint.robots.catalogue import DEFAULT
@@ -33,6 +34,7 @@ _MOST_BYTES: Final = 1 << 24
 _ASK: Final = "\x1b[>11u\x1b[?u"
 _GIVE_BACK: Final = "\x1b[<u"
 _HEADER: Final = ("t_s", "key", "event")
+_EVENTS: Final = ("press", "repeat", "release")
 
 Events = list[tuple[float, str, "Event"]]
 
@@ -56,32 +58,26 @@ def teleop(
     for target in filter(None, (record, save_keys)):
         check_target(target, overwrite=force)
     replayed = None if keys is None else _read_keys(keys)
-    if keys is not None and gamepad:
-        raise CommandRefused("--keys replays keys alone; leave --gamepad out")
     if keys is None and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
 
     def backend() -> truejoint.crtk.Backend:
-        twin = truejoint.simulation.make_twin(*robot_and_arm(robot), seed=seed)
-        return truejoint.crtk.PacedBackend(twin)
+        return truejoint.crtk.PacedBackend(make_twin(robot, seed=seed))
 
     with ExitStack() as stack:
         device = stack.enter_context(real.or_twin(robot, backend, seed))
         home(device, None)
         if record is not None:
-            recorder = truejoint.recordings.Recorder(
-                device, path=record, overwrite=force, session="teleoperation",
-                command=command_line(),
-            )  # fmt: skip
+            about: Any = {"session": "teleoperation", "command": command_line()}
+            recorder = truejoint.recordings.Recorder(device, path=record, overwrite=force, **about)
             stack.enter_context(recorder)
         jog = stack.enter_context(truejoint.motion.Jog(device))
         operator = Teleoperation(jog)
         pad = stack.enter_context(Gamepad(operator)) if gamepad else None
         events = _from_terminal(operator, pad) if replayed is None else _replay(operator, replayed)
     if save_keys is not None:
-        write_atomically(save_keys, lambda path: _write_keys(path, events), overwrite=force)
-    now = device.operating_state()
-    out.print(f"{len(events)} keys; the arm is {now.state}")
+        write_atomically(save_keys, partial(_write_keys, events), overwrite=force)
+    out.print(f"{len(events)} keys; the arm is {device.operating_state().state}")
 
 
 def _replay(operator: Teleoperation, events: Events) -> Events:
@@ -193,7 +189,7 @@ def _raw_terminal() -> Iterator[Any]:
         raise KeyboardInterrupt
 
 
-def _write_keys(path: Path, events: Events) -> None:
+def _write_keys(events: Events, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_HEADER)
@@ -210,18 +206,16 @@ def _read_keys(path: Path) -> Events:
         raise TruejointError(f"{path}: is no file of keys; its first line must be t_s,key,event")
     events: Events = []
     for number, row in enumerate(rows[1:], 2):
-        try:
+        last = events[-1][0] if events else 0.0
+        with suppress(ValueError, IndexError, OverflowError):
             t, name, event = float(row[0]), row[1], row[2]
             if name.startswith("U+"):
                 name = chr(int(name[2:], 16))
-        except (ValueError, IndexError, OverflowError):
-            t, name, event = -1.0, "", ""
-        last = events[-1][0] if events else 0.0
-        is_event = event in ("press", "repeat", "release") and len(name) == 1
-        if not (is_event and last <= t < 86400.0):
-            raise TruejointError(
-                f"{path}: line {number} is {','.join(row)[:60]!r}; want a time that does not fall "
-                "[s], a key (a character, or U+0020) and press, repeat or release"
-            )
-        events.append((t, name, event))  # type: ignore[arg-type]  # known events
+            if event in _EVENTS and len(name) == 1 and last <= t < 86400.0:
+                events.append((t, name, event))  # type: ignore[arg-type]  # one of these
+                continue
+        raise TruejointError(
+            f"{path}: line {number} is {','.join(row)[:60]!r}; want a time that does not fall "
+            "[s], a key (a character, or U+0020) and press, repeat or release"
+        )
     return events

@@ -43,9 +43,11 @@ def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     shape = truejoint.tip.design_block(options.get_robot(robot))
     made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
-    texts = {"block.svg": truejoint.tip.block_svg(shape), "block.toml": block_text(made)}
-    contents = {"block.stl": truejoint.tip.block_stl(shape)}
-    contents |= {name: text.encode() for name, text in texts.items()}
+    contents = {
+        "block.stl": truejoint.tip.block_stl(shape),
+        "block.svg": truejoint.tip.block_svg(shape).encode(),
+        "block.toml": block_text(made).encode(),
+    }
     files = {output / name: partial(Path.write_bytes, data=data) for name, data in contents.items()}
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size
@@ -53,9 +55,9 @@ def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     out.print(f"{output}: {made.name}, {size} mm, {reached} of {cells} dimples in reach")
     stands = []
     for number in (1, reached):
-        place = shape.rotation @ made.points[str(number)] + shape.translation
-        x, y, z = (1e3 * place).tolist()
-        stands.append(f"dimple {number} is about ({x:.0f}, {y:.0f}, {z:.0f}) mm")
+        place = 1e3 * (shape.rotation @ made.points[str(number)] + shape.translation)
+        xyz = ", ".join(f"{x:.0f}" for x in place.tolist())
+        stands.append(f"dimple {number} is about ({xyz}) mm")
     out.print(
         f"Stand it so that {' and '.join(stands)} from the base's origin, the dimples looking "
         "against the tool's way in."
@@ -91,10 +93,11 @@ class Aim:
             raise CommandRefused("--prior is for an arm without a model; leave it out")
         calibration = None if model is None else truejoint.read_calibration(model)
         robot = options.get_robot(arm) if calibration is None else calibration.machine
-        if self.bolted is not None:
-            pose = read_pose(self.bolted)
-        else:
-            pose = design_pose(read_block(self.block or Path()), robot)
+        pose = (
+            design_pose(read_block(self.block or Path()), robot)
+            if self.bolted is None
+            else read_pose(self.bolted)
+        )
         if calibration is None:
             return learning(robot, pose, prior_calibrations(self.prior))
         return of_model(calibration, pose, finds_block=self.bolted is None)
@@ -133,9 +136,8 @@ def run(
     """
     from truejoint.tip.guide import Guide
 
-    name = Path(options.robot_and_arm(arm)[0])
-    is_robot = name.suffix in {"", ".toml"} and not is_model(Path(arm))
-    model = None if is_robot else Path(arm)
+    ending = Path(options.robot_and_arm(arm)[0]).suffix
+    model = None if ending in {"", ".toml"} and not is_model(Path(arm)) else Path(arm)
     task = aim.task(arm, model)
     count = touches or (_MANY if aim.bolted is None else _FEW)
     if count < task.fewest:
@@ -151,8 +153,8 @@ def run(
     if output.suffix != ".csv":
         raise CommandRefused(f"{output}: touches are written as .csv; name it so")
     path = output.with_suffix(".parquet")
-    check_target(output, overwrite=force)
-    check_target(path, overwrite=force)
+    for target in (output, path):
+        check_target(target, overwrite=force)
     opened = _by_hand(task.robot, namespace, ros) if by_hand else _simulated(task.pose, twin, seed)
     about: dict[str, Any] = {"session": output.stem, "command": command_line()}
     with (
@@ -309,10 +311,8 @@ class Sightings:
     touch_sd_mm: float | None = None
 
     def __post_init__(self) -> None:
-        if (self.touches is None) == (self.points is None):
-            raise CalibrationError("give --touches with --block, or --points; one of the two")
-        if (self.touches is None) != (self.block is None):
-            raise CalibrationError("--touches and --block belong together: give both, or neither")
+        if self.touches is None and self.points is None:
+            raise CalibrationError("give --touches with --block, or --points")
 
     def read(self) -> tuple[Touches, Block, float]:
         """Read the touches and their block, or shots as such; with the deviation of one [m]."""

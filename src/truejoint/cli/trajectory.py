@@ -60,12 +60,8 @@ class Shape:
             how["sparsity"] = parse_sparsity(self.sparsity)
         if self.minutes is not None:
             how["duration"] = 60.0 * how.pop("minutes")
-        motion = truejoint.motion
-        makers: dict[str, Any] = {
-            "zigzag": motion.zigzag, "random": motion.random_motion,
-            "designed": motion.designed_motion, "nested": motion.nested_motion,
-        }  # fmt: skip
-        return cast("truejoint.motion.Trajectory", makers[kind](robot, **how))
+        maker: Any = getattr(truejoint.motion, kind if kind == "zigzag" else f"{kind}_motion")
+        return cast("truejoint.motion.Trajectory", maker(robot, **how))
 
 
 def trajectory(

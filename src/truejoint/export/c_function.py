@@ -7,7 +7,6 @@ import builtins
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -15,41 +14,8 @@ from numba.core.dispatcher import Dispatcher
 
 from truejoint import compiled as marks
 from truejoint import layout
-from truejoint.export.c_statements import (
-    NAME,
-    Statement,
-    Variable,
-    assigned,
-    block_lines,
-    leaves_early,
-    tree_of,
-    without_unread,
-)
+from truejoint.export import c_values as c
 from truejoint.export.c_structs import Handle, Record, Struct, Unprintable, kind_of
-from truejoint.export.c_values import (
-    AND,
-    ARITHMETIC,
-    BIT_OR,
-    CHOICE,
-    COMPARISONS,
-    OR,
-    ORDER,
-    PRODUCT,
-    RESERVED,
-    UNARY,
-    Expr,
-    Kind,
-    Known,
-    Scalar,
-    View,
-    add,
-    call_builtin,
-    is_of,
-    join,
-    named,
-    operate,
-    scale,
-)
 
 if TYPE_CHECKING:
     from truejoint.export.c_printer import Printer
@@ -72,12 +38,12 @@ class Function:
     def __init__(self, printer: Printer, python: Any, arguments: Sequence[Any]) -> None:
         self.printer, self.style = printer, printer.style
         self.python, self.arguments = python, arguments  # numbers, expressions, views and handles
-        self.tree, self.comments = tree_of(python)
-        self.body: list[Statement] = []  # what is printed
+        self.tree, self.comments = c.tree_of(python)
+        self.body: list[c.Statement] = []  # what is printed
         self.out = self.body
         self.env: dict[str, Any] = {}
         self.written: set[str] = set()  # parameters through which it writes
-        self.returns: list[tuple[Statement, Any]] = []
+        self.returns: list[tuple[c.Statement, Any]] = []
         self.parameters: list[_Parameter] = []
         self.loops: list[ast.For] = []
         self.declared: set[tuple[int, str]] = set()
@@ -98,18 +64,18 @@ class Function:
         self.block(self.tree.body)
         result = self.result
         for statement, value in self.returns:
-            if result is not None and not isinstance(result, Known):
+            if result is not None and not isinstance(result, c.Known):
                 statement.text = f"return {self.style.text(value, kind=result)}"
         if self.body and self.body[-1].text == "return":
             self.body.pop()
-        body = without_unread(self.body, self.printer.has_effect)
-        self.text = "\n".join(block_lines(body, self.style, 1))
+        body = c.without_unread(self.body, self.printer.has_effect)
+        self.text = "\n".join(c.block_lines(body, self.style, 1))
         # Parameters, each once, that the text uses.
-        used = set(NAME.findall(self.text))
+        used = set(c.NAME.findall(self.text))
         by_name = {p.name: p for p in reversed(self.parameters) if p.name in used}
         self.parameters = [p for p in self.parameters if by_name.get(p.name) is p]
         self.pointers = {p.name: p.name in self.written for p in self.parameters if p.is_pointer}
-        kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
+        kind = "void" if result is None or isinstance(result, c.Known) else self.style.type(result)
         declarations = (
             p.declaration if self.pointers.get(p.name, True) else f"const {p.declaration}"
             for p in self.parameters
@@ -119,45 +85,42 @@ class Function:
     def _local(self, name: str) -> str:
         """Name of a local variable in C."""
         name = name.strip("_") or "turn"
-        return f"{name}_" if name in RESERVED else name
+        return f"{name}_" if name in c.RESERVED else name
 
     def _parameter(self, name: str, argument: Any, *, is_float: bool) -> Any:
         style, local = self.style, self._local(name)
 
-        def add(name_in_c: str, type_: str, text: Callable[[Any], str]) -> None:
-            declaration = f"{type_}{'' if type_.endswith('*') else ' '}{name_in_c}"
-            parameter = _Parameter(name_in_c, declaration, name, text, type_.endswith("*"))
-            self.parameters.append(parameter)
+        def declare(name_in_c: str, type_: str, text: Callable[..., str]) -> None:
+            is_pointer = type_.endswith("*")
+            declaration = f"{type_}{'' if is_pointer else ' '}{name_in_c}"
+            self.parameters.append(_Parameter(name_in_c, declaration, name, text, is_pointer))
 
         if isinstance(argument, Handle):
             pointer = self._local(argument.struct.name)
-            add(pointer, f"{argument.struct.type} *", lambda handle: handle.pointer)
+            declare(pointer, f"{argument.struct.type} *", lambda handle: handle.pointer)
             return replace(argument, text=pointer, is_pointer=True, owner=pointer)
-        if isinstance(argument, View):
-            add(local, f"{style.type(argument.kind)} *", lambda view: view.pointer_text(style))
+        if isinstance(argument, c.View):
+            declare(local, f"{style.type(argument.kind)} *", lambda view: view.pointer_text(style))
             words = ("length",) if len(argument.shape) == 1 else ("rows", "columns")
-            shape: list[Scalar] = []
+            shape: list[c.Scalar] = []
             for axis, (length, word) in enumerate(zip(argument.shape, words, strict=True)):
-                if isinstance(length, Known):
-                    shape.append(Known(length.value))
+                if isinstance(length, c.Known):
+                    shape.append(c.Known(length.value))
                 else:
                     hidden = self._local(f"{name}_{word}")
-                    add(hidden, "int", partial(self._length, axis))
-                    shape.append(Expr(hidden, "int"))
+                    declare(hidden, "int", lambda view, axis=axis: style.text(view.shape[axis]))
+                    shape.append(c.Expr(hidden, "int"))
             values = None
-            if argument.values is not None and isinstance(argument.offset, Known):
+            if argument.values is not None and isinstance(argument.offset, c.Known):
                 values = argument.values[argument.offset.value :]
-            return View(local, Known(0), tuple(shape), argument.kind, (self, local), values)
-        is_folded = isinstance(argument, Known) and argument.kind != "real" and not is_float
-        if is_folded or not isinstance(argument, (Known, Expr)):
+            return c.View(local, c.Known(0), tuple(shape), argument.kind, (self, local), values)
+        is_folded = isinstance(argument, c.Known) and argument.kind != "real" and not is_float
+        if is_folded or not isinstance(argument, (c.Known, c.Expr)):
             return argument
-        least: list[Kind] = ["real"] if is_float else []
-        kind = join([argument.kind, *least])
-        add(local, style.type(kind), lambda v: style.text(v, kind=join([v.kind, *least])))
-        return Variable(local, kind, assigned=2)
-
-    def _length(self, axis: int, view: View) -> str:
-        return self.style.text(view.shape[axis])
+        least: list[c.Kind] = ["real"] if is_float else []
+        kind = c.join([argument.kind, *least])
+        declare(local, style.type(kind), lambda v: style.text(v, kind=c.join([v.kind, *least])))
+        return c.Variable(local, kind, assigned=2)
 
     @property
     def result(self) -> Any:
@@ -166,65 +129,54 @@ class Function:
         if not values or values[0] is None:
             return None
         first = values[0]
-        if (
-            isinstance(first, Known)
-            and not (first.symbol and first.kind == "real")
-            and all(
-                isinstance(v, Known)
-                and v.value == first.value
-                and type(v.value) is type(first.value)
-                for v in values
-            )
-        ):
+        numbers = [(type(v.value), v.value) if isinstance(v, c.Known) else v for v in values]
+        is_number = isinstance(first, c.Known) and not (first.symbol and first.kind == "real")
+        if is_number and all(number == numbers[0] for number in numbers):
             return first
-        return join([value.kind for value in values])
+        return c.join([value.kind for value in values])
 
-    def fail(self, node: ast.AST, why: str) -> Unprintable:
-        """Error that says where in the Python."""
-        line = getattr(node, "lineno", 0)
-        return Unprintable(f"{self.python.__module__}.{self.python.__name__}, line {line}: {why}")
+    def need(self, is_so: object, node: ast.AST, why: str) -> None:
+        """Raise Unprintable, which says where in the Python and `why`, unless something holds."""
+        if not is_so:
+            place = f"{self.python.__module__}.{self.python.__name__}"
+            raise Unprintable(f"{place}, line {getattr(node, 'lineno', 0)}: {why}")
 
-    def emit(self, text: str, target: Variable | None = None, **more: Any) -> None:
+    def emit(self, text: str, target: c.Variable | None = None, **more: Any) -> None:
         """Add a statement."""
-        self.out.append(Statement(text, target, **more))
+        self.out.append(c.Statement(text, target, **more))
 
     # ------------------------------------------------------------------ values
 
     def visit(self, node: ast.AST) -> Any:
         """Give what the method for this kind of node gives."""
-        method = getattr(self, f"_{type(node).__name__.lower()}", None)
-        if method is None:
-            raise self.fail(node, f"{type(node).__name__} has no C here")
+        method: Any = getattr(self, f"_{type(node).__name__.lower()}", None)
+        self.need(method, node, f"{type(node).__name__} has no C here")
         return method(node)
 
     def truth(self, node: ast.expr) -> Any:
         """Value of a test."""
         value = self.visit(node)
-        return Known(bool(value.value)) if isinstance(value, Known) else value
+        return c.Known(bool(value.value)) if isinstance(value, c.Known) else value
 
-    def lookup(self, node: ast.expr) -> Any:
+    def lookup(self, node: Any) -> Any:
         """Object that a global name or attribute stands for."""
         if isinstance(node, ast.Attribute):
             return getattr(self.lookup(node.value), node.attr)
-        if not isinstance(node, ast.Name):
-            raise self.fail(node, "this is no name")
-        for names in (self.python.__globals__, vars(builtins)):
-            if node.id in names:
-                return names[node.id]
-        raise self.fail(node, f"{node.id} is not known here")
+        names = {**vars(builtins), **self.python.__globals__}
+        self.need(getattr(node, "id", "") in names, node, "this is no name that is known here")
+        return names[node.id]
 
-    def _constant(self, node: ast.Constant) -> Known:
-        if not isinstance(node.value, (bool, int, float)):
-            raise self.fail(node, f"{node.value!r} is no number")
-        return Known(node.value)
+    def _constant(self, node: ast.Constant) -> c.Known:
+        self.need(isinstance(node.value, (bool, int, float)), node, f"{node.value!r} is no number")
+        return c.Known(node.value)
 
     def _name(self, node: ast.Name) -> Any:
         if node.id in self.env:
             held = self.env[node.id]
-            if not isinstance(held, Variable):
+            if not isinstance(held, c.Variable):
                 return held
             held.is_read = True
-            return Expr(held.name, held.kind)
+            return c.Expr(held.name, held.kind)
         return self.constant(node, node.id)
 
     def _attribute(self, node: ast.Attribute) -> Any:
@@ -237,10 +189,10 @@ class Function:
         memory = record.numbers.struct.memory
         f = memory.layout.fields[node.attr]
         side = record.memory if f.kind in ("scalar", "array") else record.numbers
-        place = self.cell(record.numbers if f.shape else side, Known(f.index), node, write=False)
+        place = self.cell(record.numbers if f.shape else side, c.Known(f.index), node, write=False)
         if not f.shape:
             return place
-        return self.printer.view(side, place, tuple(map(Known, memory.shapes[f.name])))
+        return self.printer.view(side, place, tuple(map(c.Known, memory.shapes[f.name])))
 
     def constant(self, node: ast.expr, name: str) -> Any:
         """Give what a global name stands for, a number by the name that C has for it."""
@@ -251,31 +203,31 @@ class Function:
             return value
         name = name.strip("_").upper()
         if isinstance(value, (bool, layout.Index)) or not np.isfinite(value):
-            return Known(value)
+            return c.Known(value)
         for enum, prefix in self.printer.enums.items():
             if enum.__members__.get(name) == value:
-                return Known(value, prefix + name)
+                return c.Known(value, prefix + name)
         shown, roundings = value, value / float(np.finfo(np.float64).eps)
         if self.style.single and 0.0 < roundings < _MOST_ROUNDINGS and roundings.is_integer():
             # A whole number of roundings of a double is meant in roundings of the arithmetic.
             shown = roundings * float(np.finfo(np.float32).eps)
-        return Known(value, self.printer.define(name, shown))
+        return c.Known(value, self.printer.define(name, shown))
 
     def _unaryop(self, node: ast.UnaryOp) -> Any:
         if isinstance(node.op, ast.Not):
             value = self.truth(node.operand)
-            if isinstance(value, Known):
-                return Known(not value.value)
-            return Expr(f"!{self.style.text(value, UNARY)}", "bool", UNARY)
+            if isinstance(value, c.Known):
+                return c.Known(not value.value)
+            return c.Expr(f"!{self.style.text(value, c.UNARY)}", "bool", c.UNARY)
         value = self.visit(node.operand)
         if isinstance(node.op, ast.UAdd):
             return value
-        if isinstance(value, Known):
-            text = f"-{self.style.text(value, UNARY + 1)}" if value.symbol else ""
-            return Known(-value.value, text, UNARY)
+        if isinstance(value, c.Known):
+            text = f"-{self.style.text(value, c.UNARY + 1)}" if value.symbol else ""
+            return c.Known(-value.value, text, c.UNARY)
         if value.kind in ("int", "bool"):
-            return scale(value, -1)
-        return Expr(f"-{self.style.text(value, UNARY + 1)}", value.kind, UNARY)
+            return c.scale(value, -1)
+        return c.Expr(f"-{self.style.text(value, c.UNARY + 1)}", value.kind, c.UNARY)
 
     def _boolop(self, node: ast.BoolOp) -> Any:
         both = isinstance(node.op, ast.And)
@@ -283,9 +235,9 @@ class Function:
         for item in node.values:
             place = len(self.out)
             value = self.truth(item)
-            if parts and len(self.out) != place:
-                raise self.fail(item, "its calls cannot wait for what stands before them")
-            if not isinstance(value, Known):
+            is_first = not parts or len(self.out) == place
+            self.need(is_first, item, "its calls cannot wait for what stands before them")
+            if not isinstance(value, c.Known):
                 parts.append(value)
             elif value.value != both:  # what follows is never looked at
                 if not any(self.printer.has_effect(part.text) for part in parts):
@@ -293,52 +245,50 @@ class Function:
                 parts.append(value)
                 break
         if len(parts) < 2:
-            return parts[0] if parts else Known(both)
-        sign, level = ("&&", AND) if both else ("||", OR)
+            return parts[0] if parts else c.Known(both)
+        sign, level = ("&&", c.AND) if both else ("||", c.OR)
         text = f" {sign} ".join(
-            self.style.text(part, level if is_of(part, level) else BIT_OR) for part in parts
+            self.style.text(part, level if c.is_of(part, level) else c.BIT_OR) for part in parts
         )
-        return Expr(text, "bool", level)
+        return c.Expr(text, "bool", level)
 
     def _ifexp(self, node: ast.IfExp) -> Any:
         test = self.truth(node.test)
-        if isinstance(test, Known):
+        if isinstance(test, c.Known):
             return self.visit(node.body if test.value else node.orelse)
         place = len(self.out)
         values = [self.visit(node.body), self.visit(node.orelse)]
-        if len(self.out) != place:
-            raise self.fail(node, "one of its values needs statements of its own")
-        kind = join([v.kind for v in values])
-        one, other = (self.style.text(v, CHOICE + 1, kind) for v in values)
-        return Expr(f"{self.style.text(test, CHOICE + 1)} ? {one} : {other}", kind, CHOICE)
+        self.need(len(self.out) == place, node, "one of its values needs statements of its own")
+        kind = c.join([v.kind for v in values])
+        one, other = (self.style.text(v, c.CHOICE + 1, kind) for v in values)
+        return c.Expr(f"{self.style.text(test, c.CHOICE + 1)} ? {one} : {other}", kind, c.CHOICE)
 
     def _compare(self, node: ast.Compare) -> Any:
         values = [self.visit(n) for n in (node.left, *node.comparators)]
         parts: list[Any] = []
         for op, a, b in zip(node.ops, values, values[1:], strict=False):
-            sign, level, compute = COMPARISONS[type(op)]
-            if isinstance(a, Known) and isinstance(b, Known):
+            sign, level, compute = c.COMPARISONS[type(op)]
+            if isinstance(a, c.Known) and isinstance(b, c.Known):
                 if not compute(a.value, b.value):
-                    return Known(False)
+                    return c.Known(False)
                 continue
-            kind = join([a.kind, b.kind])
+            kind = c.join([a.kind, b.kind])
             first, right = (self.style.text(v, level + 1, kind) for v in (a, b))
-            parts.append(Expr(f"{first} {sign} {right}", "bool", level))
+            parts.append(c.Expr(f"{first} {sign} {right}", "bool", level))
         if len(parts) < 2:
-            return parts[0] if parts else Known(True)
-        return Expr(" && ".join(p.text for p in parts), "bool", AND)
+            return parts[0] if parts else c.Known(True)
+        return c.Expr(" && ".join(p.text for p in parts), "bool", c.AND)
 
     def _binop(self, node: ast.BinOp) -> Any:
         a, b = self.visit(node.left), self.visit(node.right)
         if not isinstance(node.op, ast.Pow):
-            return operate(self.style, node.op, a, b)
-        if not (isinstance(b, Known) and b.value == 2):
-            raise self.fail(node, "of powers only squares have C")
-        if isinstance(a, Known):
-            return operate(self.style, ast.Mult(), a, a)
-        if isinstance(a, Expr) and not a.base and re.fullmatch(r"[\w.>\-\[\]]+", a.text):
-            return Expr(f"{a.text} * {a.text}", a.kind, PRODUCT)
-        return Expr(f"square_{a.kind}({self.style.text(a)})", a.kind)
+            return c.operate(self.style, node.op, a, b)
+        self.need(isinstance(b, c.Known) and b.value == 2, node, "of powers only squares have C")
+        if isinstance(a, c.Known):
+            return c.operate(self.style, ast.Mult(), a, a)
+        if isinstance(a, c.Expr) and not a.base and re.fullmatch(r"[\w.>\-\[\]]+", a.text):
+            return c.Expr(f"{a.text} * {a.text}", a.kind, c.PRODUCT)
+        return c.Expr(f"square_{a.kind}({self.style.text(a)})", a.kind)
 
     # ------------------------------------------------------------------ arrays
 
@@ -352,50 +302,49 @@ class Function:
         """Element, row or slice of a view, or a cell of a memory."""
         if isinstance(base, Handle) and not isinstance(index, ast.Slice):
             return self.cell(base, self.visit(index), node, write=write)
-        if not isinstance(base, View):
-            raise self.fail(node, "this is no array, nor a view of a field")
+        self.need(isinstance(base, c.View), node, "this is no array, nor a view of a field")
         if isinstance(index, ast.Slice):
-            lower = Known(0) if index.lower is None else self.visit(index.lower)
+            lower = c.Known(0) if index.lower is None else self.visit(index.lower)
             upper = base.shape[0] if index.upper is None else self.visit(index.upper)
-            if len(base.shape) != 1 or index.step is not None:
-                raise self.fail(node, "only a vector has such slices")
-            return base.part(lower, (add(upper, lower, -1),))
+            has_it = len(base.shape) == 1 and index.step is None
+            self.need(has_it, node, "only a vector has such slices")
+            return base.part(lower, (c.add(upper, lower, -1),))
         if isinstance(index, ast.Tuple):
             row, column = index.elts
             return self.item(self.row(base, self.visit(row)), column, node)
         where = self.visit(index)
         return self.row(base, where) if len(base.shape) == 2 else self.element(base, where)
 
-    def row(self, base: View, index: Scalar) -> View:
+    def row(self, base: c.View, index: c.Scalar) -> c.View:
         """Row of a matrix."""
         columns = base.shape[1]
-        if isinstance(columns, Known):
-            offset = scale(index, columns.value)
+        if isinstance(columns, c.Known):
+            offset = c.scale(index, columns.value)
         else:
-            a, b = self.style.text(index, PRODUCT), self.style.text(columns, PRODUCT + 1)
-            offset = Expr(f"{a} * {b}", "int", PRODUCT)
+            a, b = self.style.text(index, c.PRODUCT), self.style.text(columns, c.PRODUCT + 1)
+            offset = c.Expr(f"{a} * {b}", "int", c.PRODUCT)
         return base.part(offset, (columns,))
 
-    def element(self, view: View, index: Scalar) -> Any:
+    def element(self, view: c.View, index: c.Scalar) -> Any:
         """Element of a vector: known where the array is constant and the place is known."""
-        place = add(view.offset, index)
+        place = c.add(view.offset, index)
         values, text = view.values, f"{view.text}[{self.style.text(place)}]"
         if values is not None and len(values):
-            if isinstance(place, Known) and 0 <= place.value < len(values):
-                return named(values[place.value].item(), text)
-            bits, first = values.tobytes(), named(values[0].item(), text)
+            if isinstance(place, c.Known) and 0 <= place.value < len(values):
+                return c.named(values[place.value].item(), text)
+            bits, first = values.tobytes(), c.named(values[0].item(), text)
             if not first.symbol and bits == bits[: values.itemsize] * len(values):
                 return first
-        return Expr(text, view.kind)
+        return c.Expr(text, view.kind)
 
-    def place(self, node: ast.Subscript) -> Expr:
+    def place(self, node: ast.Subscript) -> c.Expr:
         """Element as something that is assigned to."""
         base = self.visit(node.value)
-        if isinstance(base, View):
+        if isinstance(base, c.View):
             self.mark(base)
             base = replace(base, values=None)
         found = self.item(base, node.slice, node, write=True)
-        assert isinstance(found, Expr)  # noqa: S101  # what is written is not known
+        assert isinstance(found, c.Expr)  # noqa: S101  # what is written is not known
         return found
 
     def mark(self, view: Any) -> None:
@@ -418,46 +367,42 @@ class Function:
     def cell(self, base: Handle, index: Any, node: ast.AST, *, write: bool) -> Any:
         """Scalar, integer or element of an array of integers in a struct's memory."""
         struct = base.struct
-        is_place = isinstance(index, Known) and index.origin is None
+        is_place = isinstance(index, c.Known) and index.origin is None
         f = struct.fields.get((base.side, index.value)) if is_place else None
         if f is None:  # within an array
-            view = self.printer.view(base, index, (Known(1),))
+            view = self.printer.view(base, index, (c.Known(1),))
             if write:
                 self.mark(view)
                 view = replace(view, values=None)
-            return self.element(view, Known(0))
+            return self.element(view, c.Known(0))
         if f.kind not in ("scalar", "integer"):
-            if write:
-                raise self.fail(node, f"field {f.name} is no number that can change")
-            return Known(int(struct.memory.numbers[index.value]), origin=(struct, f))
+            self.need(not write, node, f"field {f.name} is no number that can change")
+            return c.Known(int(struct.memory.numbers[index.value]), origin=(struct, f))
         if write:
             struct.written.add(f.name)
             self.written.add(base.owner)
         if f.name in struct.written:
-            return Expr(base.field_text(f.name), kind_of(f, self.style))
-        return named(struct.values(f)[0].item(), self.printer.table(struct, f))
+            return c.Expr(base.field_text(f.name), kind_of(f, self.style))
+        return c.named(struct.values(f)[0].item(), self.printer.table(struct, f))
 
     # ------------------------------------------------------------------ calls
 
-    def _call(self, node: ast.Call) -> Any:  # noqa: C901, PLR0911  # one kind of call after the other
+    def _call(self, node: ast.Call) -> Any:  # noqa: PLR0911  # one kind of call after the other
         function = self.lookup(node.func)
-        if node.keywords:
-            raise self.fail(node, "keywords have no C")
+        self.need(not node.keywords, node, "keywords have no C")
         if function in (marks.local_vector, marks.local_matrix):
             shape = tuple(self.visit(n) for n in node.args)
-            if not all(isinstance(n, Known) for n in shape):
-                raise self.fail(node, "its size is not known")
+            self.need(all(isinstance(n, c.Known) for n in shape), node, "its size is not known")
             # It gets the name that it is assigned to.
-            return View("", Known(0), shape, "real", (self, ""))
+            return c.View("", c.Known(0), shape, "real", (self, ""))
         arguments = [self.visit(a) for a in node.args]
         if getattr(function, "gives_fields", False):
             return Record(*arguments)
         if function in (marks.vector, marks.matrix):
             base, place, *sizes = arguments
-            if isinstance(base, View):
+            if isinstance(base, c.View):
                 return base.part(place, tuple(sizes))
-            if not isinstance(base, Handle):
-                raise self.fail(node, "this is no memory")
+            self.need(isinstance(base, Handle), node, "this is no memory")
             return self.printer.view(base, place, tuple(sizes))
         if function is marks.borrow or function is marks.unrolled:
             return arguments[0]
@@ -473,16 +418,15 @@ class Function:
             function, arguments = struct.memory.functions[f.name], arguments[1:]
         if isinstance(function, Dispatcher):
             return self.call(function, arguments, node)
-        found = call_builtin(self.style, name, arguments)
-        if found is None:
-            raise self.fail(node, f"{name or 'this function'} has no C here")
-        return found
+        value = c.call_builtin(self.style, name, arguments)
+        self.need(value is not None, node, f"{name or 'this function'} has no C here")
+        return value
 
     def call(self, function: Any, arguments: list[Any], node: ast.AST) -> Any:
         """Call of another kernel."""
-        tree, _ = tree_of(function.py_func)
-        if isinstance(tree.returns, ast.Name) and tree.returns.id in ("Array", "Integers"):
-            raise self.fail(node, "a kernel that gives an array has no C")
+        tree, _ = c.tree_of(function.py_func)
+        gives = getattr(tree.returns, "id", "")
+        self.need(gives not in ("Array", "Integers"), node, "a kernel gives an array: no C")
         printed = self.printer.function(function, arguments)
         values = dict(zip((a.arg for a in tree.args.args), arguments, strict=True))
         passed = {p.name: values[p.source] for p in printed.parameters if p.is_pointer}
@@ -491,11 +435,11 @@ class Function:
         texts = [p.text(values[p.source]) for p in printed.parameters]
         self.printer.calls.append((printed.name, self, passed))
         text = f"{printed.name}({', '.join(texts)})"
-        if printed.result is None or isinstance(printed.result, Known):
+        if printed.result is None or isinstance(printed.result, c.Known):
             if printed.has_effect:
                 self.emit(text)
             return printed.result
-        return Expr(text, printed.result)
+        return c.Expr(text, printed.result)
 
     # ------------------------------------------------------------------ statements
 
@@ -506,7 +450,7 @@ class Function:
             place = len(self.out)
             ends = self.visit(statement)
             if comment and len(self.out) > place:
-                self.out.insert(place, Statement(comment, comment=True))
+                self.out.insert(place, c.Statement(comment, comment=True))
             if ends:
                 return True
         return False
@@ -517,7 +461,7 @@ class Function:
     def _expr(self, s: ast.Expr) -> None:
         if not isinstance(s.value, ast.Constant):
             value = self.visit(s.value)
-            if isinstance(value, Expr):
+            if isinstance(value, c.Expr):
                 self.emit(value.text)
 
     def _return(self, s: ast.Return) -> bool:
@@ -527,8 +471,7 @@ class Function:
         return True
 
     def _continue(self, s: ast.stmt) -> bool:
-        if not self.loops:
-            raise self.fail(s, "it leaves a loop that is unrolled")
+        self.need(self.loops, s, "it leaves a loop that is unrolled")
         self.emit(type(s).__name__.lower())
         return True
 
@@ -557,36 +500,33 @@ class Function:
         assert isinstance(target, ast.Name)  # noqa: S101  # kernels have no attributes
         name = target.id
         held = self.env.get(name)
-        variable = held if isinstance(held, Variable) else None
-        if isinstance(value, View):
+        variable = held if isinstance(held, c.Variable) else None
+        if isinstance(value, c.View):
             self.env[name] = self.pointer(name, value) if value.text else self.array(name, value)
-        elif variable is None and isinstance(value, (Known, Handle, Record)):
+        elif variable is None and isinstance(value, (c.Known, Handle, Record)):
             self.env[name] = value
-        elif value is None:
-            raise self.fail(target, "a call gives nothing to assign")
         else:
+            self.need(value is not None, target, "a call gives nothing to assign")
             self.set_variable(name, value, variable)
 
-    def set_variable(self, name: str, value: Scalar, variable: Variable | None) -> None:
+    def set_variable(self, name: str, value: c.Scalar, variable: c.Variable | None) -> None:
         """Print an assignment to a variable, which is declared if it is not yet."""
         declares = variable is None
         if variable is None:
-            self.env[name] = variable = Variable(self._local(name), value.kind)
+            self.env[name] = variable = c.Variable(self._local(name), value.kind)
         self.grow(variable, value.kind)
         variable.assigned += 1
         self.emit(self.style.text(value, kind=variable.kind), variable, declares=declares)
 
-    def grow(self, variable: Variable, kind: Kind) -> None:
+    def grow(self, variable: c.Variable, kind: c.Kind) -> None:
         """Let a variable hold numbers of a kind, too, unless it was read as what it was."""
-        kind = join([variable.kind, kind])
-        if variable.is_read and {variable.kind, kind} - {"bool", "int"} and kind != variable.kind:
-            raise Unprintable(
-                f"{self.python.__module__}.{self.python.__name__}: {variable.name} begins as "
-                f"{variable.kind} and becomes {kind}; begin it as a number of that kind"
-            )
+        kind = c.join([variable.kind, kind])
+        changes = {variable.kind, kind} - {"bool", "int"} and kind != variable.kind
+        why = f"{variable.name} begins as {variable.kind} and becomes {kind}; begin it so"
+        self.need(not (variable.is_read and changes), self.tree, why)
         variable.kind = kind
 
-    def array(self, name: str, view: View) -> View:
+    def array(self, name: str, view: c.View) -> c.View:
         """Declare a local array, for a name."""
         local, size = self._local(name), 1
         for length in view.shape:
@@ -594,20 +534,20 @@ class Function:
         self.emit(f"{self.style.type(view.kind)} {local}[{size}]")
         return replace(view, text=local, root=(self, local))
 
-    def pointer(self, name: str, view: View) -> View:
+    def pointer(self, name: str, view: c.View) -> c.View:
         """View for a name: itself where its place is known, else through a local pointer."""
-        if isinstance(view.offset, Known) or view.text == name:
+        if isinstance(view.offset, c.Known) or view.text == name:
             return view
         local = self._local(name)
         while (id(self.out), local) in self.declared:
             local += "_"
         self.declared.add((id(self.out), local))
-        variable = Variable(local, view.kind, is_pointer=True, assigned=1)
+        variable = c.Variable(local, view.kind, is_pointer=True, assigned=1)
         self.emit(f"{view.text} + {self.style.text(view.offset)}", variable, declares=True)
-        return replace(view, text=local, offset=Known(0), pointer=(variable, view), values=None)
+        return replace(view, text=local, offset=c.Known(0), pointer=(variable, view), values=None)
 
     def _augassign(self, s: ast.AugAssign) -> None:
-        sign = ARITHMETIC[type(s.op)][0]
+        sign = c.ARITHMETIC[type(s.op)][0]
         value = self.visit(s.value)
         if isinstance(s.target, ast.Subscript):
             place = self.place(s.target)
@@ -616,10 +556,10 @@ class Function:
         assert isinstance(s.target, ast.Name)  # noqa: S101  # kernels have no attributes
         name = s.target.id
         held = self.env.get(name)
-        if not isinstance(held, Variable):
+        if not isinstance(held, c.Variable):
             load = ast.copy_location(ast.Name(name, ast.Load()), s.target)
-            self.assign(s.target, operate(self.style, s.op, self.visit(load), value))
-        elif not (isinstance(s.op, ast.BitOr) and value == Known(0)):
+            self.assign(s.target, c.operate(self.style, s.op, self.visit(load), value))
+        elif not (isinstance(s.op, ast.BitOr) and value == c.Known(0)):
             held.is_read = True
             self.grow(held, value.kind)
             held.assigned += 1
@@ -629,9 +569,9 @@ class Function:
 
     def prepare(self, *body: ast.stmt) -> None:
         """Make variables of what a loop or choice changes and is known so far."""
-        for name in sorted(assigned(*body)):
+        for name in sorted(c.assigned(*body)):
             held = self.env.get(name)
-            if isinstance(held, Known):
+            if isinstance(held, c.Known):
                 self.set_variable(name, held, None)
                 self.env[name].assigned += 1
 
@@ -640,46 +580,41 @@ class Function:
         out, outer = self.out, self.env
         self.out, self.env = [], {**outer, **env}
         ends = self.block(body)
-        block = Statement(head, body=self.out)
+        block = c.Statement(head, body=self.out)
         self.out, self.env = out, outer
         return block, ends
 
     def _for(self, s: ast.For) -> bool:
         """Print a loop, or its rounds one by one where they are few or marked."""
         assert isinstance(s.target, ast.Name)  # noqa: S101  # ranges give numbers
-        if not (isinstance(s.iter, ast.Call) and getattr(s.iter.func, "id", "") == "range"):
-            raise self.fail(s, "only a range has C")
-        limits = s.iter.args
+        called: Any = s.iter
+        is_range = getattr(getattr(called, "func", None), "id", "") == "range"
+        self.need(is_range, s, "only a range has C")
         marked = any(
-            isinstance(n, ast.Call) and self.lookup(n.func) is marks.unrolled for n in limits
+            isinstance(n, ast.Call) and self.lookup(n.func) is marks.unrolled for n in called.args
         )
-        bounds = [self.visit(a) for a in limits]
-        start = bounds.pop(0) if len(bounds) > 1 else Known(0)
-        stop, step = (*bounds, Known(1))[:2]
-        if not isinstance(step, Known):
-            raise self.fail(s, "the step of a range is not known")
-        if isinstance(start, Known) and isinstance(stop, Known):
+        bounds = [self.visit(a) for a in called.args]
+        start = bounds.pop(0) if len(bounds) > 1 else c.Known(0)
+        stop, step = (*bounds, c.Known(1))[:2]
+        self.need(isinstance(step, c.Known), s, "the step of a range is not known")
+        if isinstance(start, c.Known) and isinstance(stop, c.Known):
             rounds = range(start.value, stop.value, step.value)
-            if not rounds or marked or (len(rounds) == 1 and not leaves_early(s)):
+            if not rounds or marked or (len(rounds) == 1 and not c.leaves_early(s)):
                 loops, self.loops, ends = self.loops, [], False
                 for number in rounds:
-                    self.env[s.target.id] = Known(number)
-                    ends = self.block(s.body)
-                    if ends:
-                        break
+                    self.env[s.target.id] = c.Known(number)
+                    ends = ends or self.block(s.body)
                 self.loops = loops
                 return ends
-        if marked:
-            raise self.fail(s, "the rounds of an unrolled loop are not known")
-        if step.value < -1:
-            raise self.fail(s, "a range goes down by one only")
+        self.need(not marked, s, "the rounds of an unrolled loop are not known")
+        self.need(step.value >= -1, s, "a range goes down by one only")
         self.prepare(*s.body)
         name = self._local(s.target.id)
         way = {1: f"{name}++", -1: f"{name}--"}.get(step.value, f"{name} += {step.value}")
-        sign, end = ">" if step.value < 0 else "<", self.style.text(stop, ORDER + 1)
+        sign, end = ">" if step.value < 0 else "<", self.style.text(stop, c.ORDER + 1)
         head = f"for (int {name} = {self.style.text(start)}; {name} {sign} {end}; {way})"
         self.loops.append(s)
-        block, _ = self.inner(head, s.body, {s.target.id: Expr(name, "int")})
+        block, _ = self.inner(head, s.body, {s.target.id: c.Expr(name, "int")})
         self.loops.pop()
         self.out.append(block)
         return False
@@ -687,7 +622,7 @@ class Function:
     def _if(self, s: ast.If) -> bool:
         """Print a choice, or what is chosen where that is known."""
         test = self.truth(s.test)
-        if isinstance(test, Known):
+        if isinstance(test, c.Known):
             return self.block(s.body if test.value else s.orelse)
         self.prepare(*s.body, *s.orelse)
         chosen, ends = self.inner(f"if ({self.style.text(test)})", s.body, {})

@@ -24,10 +24,9 @@ from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
+from truejoint.export import c_values as c
 from truejoint.export.c_function import Function
-from truejoint.export.c_statements import wrapped, wrapped_comment
 from truejoint.export.c_structs import Constant, Handle, Side, Struct, Unprintable, kind_of
-from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Scalar, Style, View, add
 from truejoint.layout import Field, Memory
 
 WIDE: Final = """\
@@ -93,7 +92,7 @@ def print_kernels(
     arguments = [Handle(struct, side, name, is_pointer=True, owner=name) for side in sides]
     while True:  # the first round finds what the kernels change
         before = [len(part.written) for part in struct.walk()]
-        printer = Printer(Style(single), enums or {})
+        printer = Printer(c.Style(single), enums or {})
         names = tuple(printer.function(kernel, arguments).name for kernel in kernels)
         if [len(part.written) for part in struct.walk()] == before:
             return printer.program(struct, names, named or {})
@@ -102,7 +101,7 @@ def print_kernels(
 class Printer:
     """All functions of one program, in one pass over its kernels."""
 
-    def __init__(self, style: Style, enums: Mapping[type[IntFlag], str]) -> None:
+    def __init__(self, style: c.Style, enums: Mapping[type[IntFlag], str]) -> None:
         self.style = style
         self.enums = enums
         self.tables: dict[tuple[Struct, Field], str] = {}  # names of constants of the memory
@@ -127,7 +126,7 @@ class Printer:
             longer = f"{python.__module__.rpartition('.')[2]}_{wanted}"
             if any(p is python for p, *_ in self._bodies):
                 longer = wanted
-            function.name = self.name(longer if wanted in RESERVED else wanted, longer)
+            function.name = self.name(longer if wanted in c.RESERVED else wanted, longer)
             function.has_effect = bool(function.written) or self.has_effect(function.text)
             self.functions[function.name] = self._bodies[identity] = function
         self._done[key] = self._bodies[identity]
@@ -150,18 +149,18 @@ class Printer:
                 return option
         raise AssertionError  # there is always another
 
-    def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
+    def view(self, handle: Handle, place: c.Scalar, shape: tuple[c.Scalar, ...]) -> c.View:
         """View of a struct's flat memory from a place on, as a part of the array there."""
         struct = handle.struct
         if place.origin is None or place.origin[0] is not struct:
             raise Unprintable(f"{struct.name}: a view begins at no field of its {handle.side}")
         f: Field = place.origin[1]
-        start = Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
-        offset = add(place, start, -1)
+        start = c.Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
+        offset = c.add(place, start, -1)
         kind, root = kind_of(f, self.style), (struct, f.name)
         if f.name in struct.written:
-            return View(handle.field_text(f.name), offset, shape, kind, root)
-        return View(self.table(struct, f), offset, shape, kind, root, struct.values(f))
+            return c.View(handle.field_text(f.name), offset, shape, kind, root)
+        return c.View(self.table(struct, f), offset, shape, kind, root, struct.values(f))
 
     def table(self, struct: Struct, f: Field) -> str:
         """Name of what a field that nothing writes is in C."""
@@ -213,9 +212,9 @@ class Printer:
         head = f"static {result_type} {printed.name}({', '.join(parameters) or 'void'})"
         doc = inspect.cleandoc(printed.python.__doc__ or "").split("\n\n")[0]
         about = doc.replace("\n", " ").replace("`", "").replace("*/", "")
-        lines = wrapped_comment(about, "") if about else []
+        lines = c.wrapped_comment(about, "") if about else []
         lines += ["WIDE"] if getattr(printed.python, "is_wide", False) else []
-        return "\n".join([*lines, *wrapped(head, ""), "{", *filter(None, [printed.text]), "}"])
+        return "\n".join([*lines, *c.wrapped(head, ""), "{", *filter(None, [printed.text]), "}"])
 
     def _apart(self, name: str, callers: tuple[str, ...]) -> bool:
         """Whether no call of a function passes pointers to the same numbers."""
@@ -240,19 +239,19 @@ class Printer:
         return True
 
 
-def _definition(constant: Constant, f: Field, style: Style) -> str:
+def _definition(constant: Constant, f: Field, style: c.Style) -> str:
     """Definition of a constant, with what it means."""
     head = f"/* {f.meaning} */\nstatic const {style.type(kind_of(f))} {constant.name}"
     if not constant.type:
         return f"{head} = {constant.texts[0]};"
-    first, *rest = wrapped(", ".join(constant.texts), "    ")
+    first, *rest = c.wrapped(", ".join(constant.texts), "    ")
     body = "\n".join([first, *(line[4:] for line in rest)])
     return f"{head}[{len(constant.texts)}] = {{\n{body}\n}};"
 
 
-def _helpers(style: Style) -> dict[str, str]:
+def _helpers(style: c.Style) -> dict[str, str]:
     """Small functions by name, for each kind of number."""
-    kinds: tuple[Kind, ...] = ("real", "time", "int") if style.single else ("real", "int")
+    kinds: tuple[c.Kind, ...] = ("real", "time", "int") if style.single else ("real", "int")
     texts = {}
     for kind in kinds:
         type_ = style.type(kind)
@@ -267,13 +266,13 @@ def _helpers(style: Style) -> dict[str, str]:
 
 def _key(argument: Any) -> Any:
     """Reduce an argument to what decides how a function is printed."""
-    if isinstance(argument, Known):
+    if isinstance(argument, c.Known):
         return (argument.value, argument.symbol, argument.origin)
-    if isinstance(argument, Expr):
+    if isinstance(argument, c.Expr):
         return argument.kind
-    if isinstance(argument, View):
-        shape = tuple(n.value if isinstance(n, Known) else None for n in argument.shape)
-        known = argument.values is not None and isinstance(argument.offset, Known)
+    if isinstance(argument, c.View):
+        shape = tuple(n.value if isinstance(n, c.Known) else None for n in argument.shape)
+        known = argument.values is not None and isinstance(argument.offset, c.Known)
         return (argument.kind, shape, (argument.root, argument.offset.value) if known else None)  # type: ignore[union-attr]
     if isinstance(argument, Handle):
         return (argument.struct, argument.side)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import ExportError
-from truejoint.export.c_statements import wrapped
-from truejoint.export.c_values import Kind, Style
+from truejoint.export.c_values import Kind, Style, wrapped
 from truejoint.layout import PART_SIZE, Field, Memory
 
 Side = Literal["numbers", "memory"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +12,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.errors import ExportError
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import MANY_LATE, SET_BACK, correct_rows, tell_homing
+from truejoint.runtime.correction import MANY_LATE, SET_BACK, tell_homing
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.fields import (
     HOMING_OF_CALIBRATION,
@@ -73,13 +72,11 @@ def make_vectors(
 ) -> tuple[Vectors, Answers, Array, Array, Array]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
-    `level`, `range_margin` and `on_fault` are as `Corrector` takes them; samples are numbers of
-    type `dtype`.
+    `level`, `range_margin` and `on_fault` are as `Corrector` takes them; samples are of `dtype`.
     Gives the vectors, the answers, the offset (n_joints,) [rad or m] for `REZERO`, and how far
     positions and half-widths of each joint (n_joints,) [rad or m] move when all that the corrector
     keeps is rounded to `dtype` after every sample, and its largest position once more; then how far
-    set-points of the `compensator` do.
-    Raises ExportError if fewer than half of the samples are corrected: they would check little.
+    set-points of the `compensator` do. Raises ExportError if fewer than half are corrected.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
@@ -89,20 +86,18 @@ def make_vectors(
         loop = None if compensator is None else compensator.around(corrector)
         return _answer(corrector, vectors, offset, loop, desired)
 
-    scale = 0.8
-    while True:  # smaller motion is more like the middle of the training rows
-        vectors = _vectors(calibration, limits, scale)
+    for halvings in range(7):  # smaller motion is more like the middle of the training rows
+        vectors = _vectors(calibration, limits, 0.8 / 2**halvings)
         vectors = replace(vectors, sample=vectors.sample.astype(dtype).astype(float))
         answers = run(Corrector)
         good = int((answers.status == 0).sum())
         if 2 * good >= len(vectors):
             break
-        scale /= 2
-        if scale < 1e-2:
-            raise ExportError(
-                f"only {good} of {len(vectors)} samples would be corrected, too few to check the "
-                "source by; calibrate with more data"
-            )
+    else:
+        raise ExportError(
+            f"only {good} of {len(vectors)} samples would be corrected, too few to check the "
+            "source by; calibrate with more data"
+        )
     if dtype is np.float64:
         return vectors, answers, offset, *np.zeros((2, len(offset)))
     rounded = run(_RoundedCorrector, answers.desired)
@@ -131,11 +126,11 @@ class _RoundedCorrector(Corrector):
         super().__init__(model, **options)
         self._rounded = np.ones(len(self._memory), dtype=np.bool_)
         for f in self._packed.layout.fields.values():
-            if f.is_time:
-                is_scalar = f.kind == "scalar"
-                start = f.index if is_scalar else int(self._numbers[f.index])
-                size = 1 if is_scalar else self._packed.view(f.name).size
-                self._rounded[start : start + size] = False
+            if f.is_time and f.kind == "scalar":
+                self._rounded[f.index] = False
+            elif f.is_time:
+                start = int(self._numbers[f.index])
+                self._rounded[start : start + self._packed.view(f.name).size] = False
 
     def step(self, t: float, sample: Any) -> Any:
         """Correct one sample, with all numbers rounded before and after."""
@@ -158,24 +153,13 @@ def _answer(
 ) -> Answers:
     """Give what a fresh `Corrector`, and a compensator around it, make of vectors.
 
-    The joints are to be where they were last; where that is not known, there is no such place.
-    Every so many samples they are to stand still. With `desired` (n, n_joints) [rad or m] they are
-    to be there.
+    The joints are to be where they were last, if that is known, and stand still now and then;
+    with `desired` (n, n_joints) [rad or m] they are to be there.
     """
     n, m = len(vectors), len(corrector.joints)
-    size = m if compensator else 0
-    answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *np.empty((2, n, size)))
+    loop = np.empty((2, n, m if compensator else 0))
+    answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *loop)
     target = np.full(m, np.nan)
-    if compensator is None and type(corrector) is Corrector:  # many rows in one call
-        for first, end in pairwise(np.unique([0, *np.flatnonzero(vectors.action), n]).tolist()):
-            _act(corrector, vectors, first, offset)
-            rows = slice(first, end)
-            correct_rows(
-                corrector._numbers, corrector._memory, vectors.t[rows], vectors.sample[rows],
-                answers.position[rows], answers.half_width[rows], answers.status[rows],
-                np.empty(0, np.int64), np.empty((end - first, 0, 2)),
-            )  # fmt: skip
-        return answers
     for i, (t, sample) in enumerate(zip(vectors.t.tolist(), vectors.sample, strict=True)):
         _act(corrector, vectors, i, offset)
         if compensator is None:

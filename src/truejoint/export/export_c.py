@@ -41,7 +41,6 @@ from truejoint.runtime.status import Status
 
 Precision = Literal["double", "float"]
 
-MAX_PREFIX: Final = 40
 _PREFIX: Final = re.compile(r"[A-Za-z](?:_?[A-Za-z0-9])*", re.ASCII)
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9 _.,:;()\[\]{}<>=+/'%^-]")
 
@@ -50,7 +49,6 @@ DOUBLE_TOLERANCE: Final = 1e-12
 
 SINGLE_MARGIN: Final = 4.0
 """How many times the effect of rounding what is kept a float source may be off by."""
-
 LARGEST_SHARE: Final = 0.01
 """Of a joint's largest correction, that a float source may be off by: its check must be able to
 fail."""
@@ -70,11 +68,9 @@ _TEMPLATES: Final = {
 _INPUTS: Final = ("t", "sample", "is_homed", "told_id", "offset")
 _COMPENSATOR_INPUTS: Final = ("status", "wanted", "measured", "correction", "setpoint", "gain")
 _OF_PYTHON: Final = Status.WRONG_SIZE | Status.OTHER_THREAD
-"""What only a sample or a thread of Python can be."""
-_COMPENSATOR_TEMPLATES: Final = {
-    "_compensator.h": "compensator.h.j2",
-    "_compensator.c": "compensator.c.j2",
-}
+_MEANINGS: Final = {bit: bit.words for bit in Status if bit not in _OF_PYTHON}
+"""Statuses but for what only a sample or a thread of Python can be."""
+_COMPENSATOR_TEMPLATES: Final = {f"_compensator.{e}": f"compensator.{e}.j2" for e in "hc"}
 _ROS_TEMPLATES: Final = {
     "package.xml": "ros/package.xml.j2",
     "CMakeLists.txt": "ros/CMakeLists.txt.j2",
@@ -155,14 +151,7 @@ def source_files(
     on_fault: OnFault | Reaction = "hold",
     compensator: Compensator | None = None,
 ) -> dict[str, bytes]:
-    """Give what `export_c` writes, by the name of each file.
-
-    Examples
-    --------
-    >>> from truejoint.export.export_c import source_files
-    >>> list(source_files(model, "jaw"))
-    ['jaw.h', 'jaw.c', 'jaw_vectors.h', 'jaw_check.c']
-    """
+    """Give what `export_c` writes, by the name of each file."""
     calibration = as_calibration(calibration)
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)
@@ -206,14 +195,15 @@ def source_files(
     context["compensates"] = compensator is not None
     if compensator is not None:
         loop = compensator.around(compensator.corrector).memory
-        print_loop = partial(print_kernels, (compensate,), inputs=_COMPENSATOR_INPUTS)
         context |= {
-            "loop": print_loop(loop, "compensator", f"{prefix}_compensator"),
-            "rate": compensator.rate,
-            "measured": compensator.measured,
+            "loop": print_kernels(
+                (compensate,), loop, "compensator", f"{prefix}_compensator",
+                inputs=_COMPENSATOR_INPUTS,
+            ),
+            "rate": compensator.rate, "measured": compensator.measured,
             "vector_start": vectors.sample[0, compensator.measured],
             "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
-        }
+        }  # fmt: skip
         templates |= _COMPENSATOR_TEMPLATES
     return {
         f"{prefix}{ending}": render(template, context, precision)
@@ -281,17 +271,17 @@ def _precision_context(
 
 def _calibration_context(data: Calibration) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
-    by_itself = data.family.states_deviation(data.fitted.params)
     docstrings = re.findall(r'(\w+) = \d+\n\s+"""(.+?)"""', getsource(FilterStatus), re.DOTALL)
     filter_meanings = {
         FilterStatus[name]: " ".join(text.split()).rstrip(".") for name, text in docstrings
     }
+    stated_by = ""
+    if data.interval is not None:
+        stated_by = "for such motions as the interval was made of"
+    elif data.family.states_deviation(data.fitted.params):
+        stated_by = "as the model itself reckons"
     return {
-        "stated_by": "for such motions as the interval was made of"
-        if data.interval is not None
-        else "as the model itself reckons"
-        if by_itself
-        else "",
+        "stated_by": stated_by,
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
         "homing_unknown": fields.HOMING_UNKNOWN,
@@ -299,18 +289,13 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
         "homing_ids": list(data.origin.homing_ids),
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
-        "statuses": _statuses(),
+        "statuses": _bits(_MEANINGS),
         "filter_statuses": _bits(filter_meanings),
         "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),
         "has_interval": data.interval is not None,
     }
-
-
-def _statuses() -> list[dict[str, Any]]:
-    """Statuses that a source in C gives, with what they mean."""
-    return _bits({bit: bit.words for bit in Status if bit not in _OF_PYTHON})
 
 
 def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
@@ -337,10 +322,10 @@ def check_precision(precision: str) -> None:
 
 def check_prefix(prefix: str) -> str:
     """Return `prefix` if every C and C++ name may begin with it; raises ExportError."""
-    if len(prefix) > MAX_PREFIX or not _PREFIX.fullmatch(prefix):
+    if len(prefix) > 40 or not _PREFIX.fullmatch(prefix):
         raise ExportError(
-            f"prefix {prefix!r:.60} cannot begin the names of the source; use up to {MAX_PREFIX} "
-            "letters, digits and single underscores, a letter first and no underscore last"
+            f"prefix {prefix!r:.60} cannot begin the names of the source; use up to 40 letters, "
+            "digits and single underscores, a letter first and no underscore last"
         )
     return prefix
 
@@ -448,8 +433,7 @@ def export_ros(
     prefix = default_prefix(calibration) if prefix is None else prefix
     signals = calibration.loop_signals
     values = [_value(robot, signal) for signal in signals]
-    lacking = [name for name, value in zip(signals, values, strict=True) if not value]
-    if lacking:
+    if lacking := [name for name, value in zip(signals, values, strict=True) if not value]:
         raise ExportError(
             f"no joint state has {', '.join(lacking)}, which the model takes: calibrate on "
             "others (--feature), or use --to c"
@@ -464,7 +448,7 @@ def export_ros(
         "joint_names": robot.joint_names,
         "corrected": robot.index(list(calibration.joints)),
         "corrected_names": calibration.joints,
-        "statuses": _statuses(),
+        "statuses": _bits(_MEANINGS),
         # Takes efforts on the joints to those at the motors.
         "motor_effort": None
         if robot.transmission is None or "motor" not in reads
@@ -477,8 +461,8 @@ def export_ros(
     for name, template in _ROS_TEMPLATES.items():
         contents[name.format(prefix)] = render(template, context, precision)
     for ros, name in _LAUNCH.items():
-        told = {**context, "ros": ros, "file": name}
-        contents[name] = render("ros/launch.xml.j2", told, precision)
+        about = {**context, "ros": ros, "file": name}
+        contents[name] = render("ros/launch.xml.j2", about, precision)
     return write_files(folder, contents, overwrite=overwrite)
 
 

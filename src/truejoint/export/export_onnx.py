@@ -106,9 +106,7 @@ class _Graph:
         elif calibration.target == "error":
             columns |= {"measured": measured_signals}
         described: Mapping[str, Any] = {
-            "robot": calibration.robot,
-            "arm": calibration.arm,
-            "joints": calibration.joints,
+            **{name: getattr(calibration, name) for name in ("robot", "arm", "joints")},
             "units": dict(calibration.units),
             "features": feature_set.names,
             "training_range": np.column_stack([calibration.lower, calibration.upper]).tolist(),
@@ -128,21 +126,15 @@ class _Graph:
         terms = [measured, predicted] if is_error else [predicted]
         self.node("Add" if is_error else "Identity", terms, "position")
         helper = self._onnx.helper
-        n_joints = len(calibration.joints)
         make = helper.make_tensor_value_info
         inputs = [make(name, self._element, ["rows", len(c)]) for name, c in columns.items()]
-        output = make("position", self._element, ["rows", n_joints])
+        output = make("position", self._element, ["rows", len(calibration.joints)])
         graph = helper.make_graph(self._nodes, "truejoint", inputs, [output], self._constants)
-        model = helper.make_model(
-            graph,
-            opset_imports=[helper.make_opsetid("", _OPSET)],
-            ir_version=_IR_VERSION,
-            producer_name="truejoint",
-            producer_version=version("truejoint"),
-        )
-        helper.set_model_props(
-            model, {f"truejoint.{k}": json.dumps(v) for k, v in described.items()}
-        )
+        made_by = {"producer_name": "truejoint", "producer_version": version("truejoint")}
+        opset = [helper.make_opsetid("", _OPSET)]
+        model = helper.make_model(graph, opset_imports=opset, ir_version=_IR_VERSION, **made_by)
+        properties = {f"truejoint.{k}": json.dumps(v) for k, v in described.items()}
+        helper.set_model_props(model, properties)
         self._onnx.checker.check_model(model, full_check=True)
         return model
 
@@ -157,8 +149,7 @@ class _Graph:
     def node(self, operator: str, inputs: list[str], output: str = "", **attributes: Any) -> str:
         """Add a node; returns the name of its output."""
         output = output or f"{operator}_{len(self._nodes)}"
-        make = self._onnx.helper.make_node
-        self._nodes.append(make(operator, inputs, [output], **attributes))
+        self._nodes.append(self._onnx.helper.make_node(operator, inputs, [output], **attributes))
         return output
 
     def columns(self, source: str, indices: ArrayLike) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,15 +83,12 @@ class CalibrationCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units; what is not known is None."""
-        plain: dict[str, Any] = json_values(
-            vars(self)
-            | {
-                "joints": [asdict(joint) | {"holds": joint.holds} for joint in self.joints],
-                "holds": self.holds,
-                "alarm": self.alarm.name.lower(),
-                "reasons": [str(r.name).lower() for r in Reason if r in self.reasons],
-            }
-        )
+        judged = {
+            "joints": [vars(joint) | {"holds": joint.holds} for joint in self.joints],
+            "holds": self.holds, "alarm": self.alarm.name.lower(),
+            "reasons": [str(r.name).lower() for r in Reason if r in self.reasons],
+        }  # fmt: skip
+        plain: dict[str, Any] = json_values(vars(self) | judged)
         return plain
 
 
@@ -132,20 +129,15 @@ def check_calibration(
     if calibration.interval is not None:
         allowed = calibration.half_widths(rows, level)[has_truth]
         inside = np.mean(np.abs(error) <= allowed, axis=0)
-    joints = tuple(
-        JointCheck(
-            joint=joint,
-            unit=calibration.units[f"measured/{joint}"],
-            rmse=float(np.sqrt(np.mean(error[:, k] ** 2))),
-            largest=float(np.abs(error[:, k]).max()),
-            offset=float(zero.offset[k]),
-            offset_sd=float(zero.deviation[k]),
-            rezeroed_rmse=float(np.sqrt(np.mean(rezeroed[:, k] ** 2))),
-            half_width=float(allowed[:, k].mean()),
-            inside=float(inside[k]),
-        )
-        for k, joint in enumerate(calibration.joints)
-    )
+    error, rezeroed, allowed = (np.ascontiguousarray(a.T) for a in (error, rezeroed, allowed))
+    rmse, rezeroed_rmse = (np.sqrt(np.mean(off**2, axis=1)) for off in (error, rezeroed))
+    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
+    columns = (
+        rmse, np.abs(error).max(axis=1), zero.offset, zero.deviation, rezeroed_rmse,
+        allowed.mean(axis=1), inside,
+    )  # fmt: skip
+    of_joints = zip(calibration.joints, units, *(c.tolist() for c in columns), strict=True)
+    joints = tuple(JointCheck(*row) for row in of_joints)
     alarm, reasons = Alarm.NONE, Reason.NOTHING
     if calibration.effort_baseline is not None:
         trace = Monitor(calibration).run(recording)

@@ -329,22 +329,14 @@ class Compensator:
         Each is worked out of what the arm tells when the one before has been sent, and between two
         steps set-points are interpolated. Joints that are not corrected get what is wanted.
 
-        Parameters
-        ----------
-        arm : Arm
-            Enabled and homed, and the corrector told so.
-        pieces : iterable of ndarray, shape (n, n_joints)
-            Wanted positions at `Arm.rate` [rad or m].
-        tell : callable, optional
-            Called after each step with the sample's stamp [s], where the corrected joints are
-            wanted at the next step, and where they are (n_corrected,) [rad or m]: to be copied.
+        The `arm` is enabled and homed, and the corrector told so; the `pieces` (n, n_joints) are
+        wanted positions at `Arm.rate` [rad or m]. `tell` is called after each step with the
+        sample's stamp [s], where the corrected joints are wanted at the next step, and where they
+        are (n_corrected,) [rad or m]: to be copied.
 
-        Raises
-        ------
-        CommandRefused
-            If the rate does not divide the arm's, or the arm does not report a signal; on the way,
-            if a set-point stands at the end of its joint's range for 0.2 s, or if the loop falls
-            back for 2 s more than half of the time between; that it does is logged once.
+        Raises CommandRefused if the rate does not divide the arm's, or the arm does not report a
+        signal; on the way, if a set-point stands at the end of its joint's range for 0.2 s, or if
+        the loop falls back for 2 s more than half of the time between, which is logged once.
         """
         period = arm.rate / self.rate
         if round(period) < 1 or abs(period - round(period)) > 1e-9 * period:

@@ -11,12 +11,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import (
-    CORRECTED,
-    JOINT_STATE,
-    STRING_STAMPED,
-    profile_of,
-)
+from truejoint.crtk.messages import CORRECTED, JOINT_STATE, STRING_STAMPED, profile_of
 from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import Publisher, StateStream, Transport
 from truejoint.crtk.ros.transport import header_of
@@ -49,36 +44,11 @@ class CorrectorNode:
     a StringStamped of the stamp from which on it holds, sent when it changes, and ``SILENT`` where
     no message comes. Once a second ``/diagnostics`` says how all that goes.
 
-    Parameters
-    ----------
-    transport : Transport
-    correctors : sequence of Corrector
-        The first whose signals the arm's topics have is used: one that also checks redundant
-        signals, then one without.
-    robot : Robot
-        What they are for.
-    profile : str
-        How its messages differ from CRTK, by name (`truejoint.crtk.messages.PROFILES`).
-    namespace : str
-        Of the arm's topics; by default what the profile says.
-    homing_id : str, optional
-        Homing that the positions refer to, until the robot is homed again.
-    say : callable
-        Told in a line what is waited for, and what has changed.
-
-    Attributes
-    ----------
-    topic : str
-        What comes in.
-    received, corrected : int
-        Messages so far.
-
-    Raises
-    ------
-    RobotError
-        If there is no such profile.
-    RosError
-        Where message types are not installed.
+    The first of the `correctors` whose signals the arm's topics have is used: one that also checks
+    redundant signals, then one without. Positions refer to the homing `homing_id` until the robot
+    is homed again; `say` is told in a line what is waited for and what has changed. `received` and
+    `corrected` count messages of `topic`. Raises RobotError if there is no such profile
+    (`truejoint.crtk.messages.PROFILES`), RosError where message types are not installed.
     """
 
     def __init__(
@@ -118,12 +88,9 @@ class CorrectorNode:
             self._half_width = self._made(f"{space}/half_width", JOINT_STATE)
             self._status_out = self._made(f"{space}/status", STRING_STAMPED, latched=True)
             self._diagnostics = self._made("/diagnostics", DIAGNOSTICS)
-            topic = self._stream.name("operating_state")
-            self._endings.append(
-                self._transport.subscribe(
-                    topic, self._profile.operating_state, self._on_operating_state
-                )
-            )
+            topic, kind = self._stream.name("operating_state"), self._profile.operating_state
+            ending = self._transport.subscribe(topic, kind, self._on_operating_state)
+            self._endings.append(ending)
             self._stream.start()
         except BaseException:
             self.__exit__()
@@ -240,8 +207,7 @@ class CorrectorNode:
         if self._half_width.readers:
             width = self._transport.message(JOINT_STATE)
             width.header.stamp = header_of(message).stamp
-            width.name = list(corrector.joints)
-            width.position = corrector.half_width.tolist()
+            width.name, width.position = list(corrector.joints), corrector.half_width.tolist()
             self._half_width.publish(width)
 
     def _report(self) -> None:
@@ -249,15 +215,13 @@ class CorrectorNode:
         with self._correcting:
             recent, bits = self._recent, Status(self._bits)
             self._recent = self._bits = 0
-        level, message = self._judge(bits)
-        if message != self._said:
-            self._said = message
-            self._say(message)
         array = self._transport.stamped(DIAGNOSTICS, self._transport.now())
         status = self._transport.message("diagnostic_msgs/DiagnosticStatus")
-        status.level = level
-        status.name, status.message = f"truejoint: {self._robot.title}", message
-        status.hardware_id = self._robot.title
+        status.level, status.message = self._judge(bits)
+        status.name, status.hardware_id = f"truejoint: {self._robot.title}", self._robot.title
+        if status.message != self._said:
+            self._said = status.message
+            self._say(self._said)
         facts = {
             "input": self.topic,
             "messages received": self.received,
