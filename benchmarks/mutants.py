@@ -44,8 +44,10 @@ MIRRORS = {
     "filters/filter": ("tests/filters",),
     "estimators/jaw/signals": ("tests/estimators/jaw/test_error_model.py",),
     "estimators/jaw/run": ("tests/estimators/jaw/test_jaw_filter.py",),
-    "estimators/jaw_load/gated": ("tests/estimators/jaw_load/test_gated_plays.py",),
-    "estimators/jaw_load/run": ("tests/estimators/jaw_load/test_friction_filter.py",),
+    "estimators/jaw_load/run": (
+        "tests/estimators/jaw_load/test_friction_filter.py",
+        "tests/estimators/jaw_load/test_gated_plays.py",
+    ),
     "estimators/plays/run": ("tests/estimators/plays/test_plays.py",),
     "estimators/motor_side/run": ("tests/estimators/motor_side/test_rows.py",),
     "estimators/filtered": ("tests/estimators/jaw/test_jaw_filter.py",),

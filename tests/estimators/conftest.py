@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.runtime.registered import forceps
 
-from truejoint.estimators.jaw.base import JawEstimator
+from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen

@@ -10,16 +10,11 @@ from sklearn.base import clone
 from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
 from tests.runtime.streams import stepped
 
-from truejoint.calibration import (
-    Calibration,
-    read_calibration,
-    with_interval,
-    write_calibration,
-)
+from truejoint.calibration import Calibration, read_calibration, with_interval, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
 from truejoint.estimators.family import EstimatorData, find_family
-from truejoint.estimators.jaw.base import JawEstimator
+from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.estimators.wrapped import class_of
 from truejoint.evaluation import part_by_time
 from truejoint.features.feature_set import time_steps

@@ -21,12 +21,7 @@ from truejoint.estimators import (
     get_estimator,
 )
 from truejoint.estimators.family import find_family
-from truejoint.estimators.registry import (
-    BASELINES,
-    NETWORK,
-    OWN,
-    TITLES,
-)
+from truejoint.estimators.registry import BASELINES, NETWORK, OWN, TITLES
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.

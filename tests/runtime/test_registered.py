@@ -262,7 +262,7 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
     if name == "ukf_friction":
         deviation = calibration.model.states(X, dt).angle_deviation
     elif name == "ukf_elastic":
-        deviation = calibration.model.estimate(X, dt).deviations[:, 0]
+        deviation = calibration.model.estimate(X, dt).angle_deviation[:, 0]
     else:
         deviation = np.sqrt(calibration.model.states(X, dt).P[:, 0, 0])
     expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]

@@ -24,11 +24,10 @@ from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error, known_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
-from truejoint.estimators.bounded.learn import Bounded
 from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.estimators.registry import BESIDE_FILTER, FILTER_WITH_TREES, LINEAR, OFFSET, RAW
-from truejoint.estimators.stack.learn import Stack
+from truejoint.estimators.stack.learn import Bounded, Stack
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import (
     FeatureSet,

@@ -13,12 +13,13 @@ from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.signals import RESET
-from truejoint.estimators.jaw_load.identify import (
+from truejoint.estimators.jaw_load.learn import (
     EncoderZero,
+    FrictionFilter,
+    Stiffness,
     find_encoder_zero,
     identify_stiffness,
 )
-from truejoint.estimators.jaw_load.learn import FrictionFilter, Stiffness
 from truejoint.estimators.registry import name_of
 from truejoint.units import GRAVITY
 
@@ -78,7 +79,7 @@ def with_stiffness(
         seen = calibration.rows(recording)
         X, dt = seen.X, seen.dt
         hangs = recording.t > recording.t[-1] - last
-        side = -np.sign(float(model.states(X, dt).stretch[hangs].mean())) or 1.0
+        side = -np.sign(float(model.states(X, dt).states[hangs, -1].mean())) or 1.0
         torques.append(np.where(hangs, side * mass * GRAVITY * arm, np.nan))
         rows.append(X)
         steps.append(dt)

@@ -1,16 +1,15 @@
 from .base import JointRegressor as JointRegressor
-from .bounded.learn import Bounded as Bounded
 from .cables.learn import CableFilter as CableFilter
 from .cables.learn import CableHybrid as CableHybrid
 from .gp.learn import GaussianProcess as GaussianProcess
 from .jaw.learn import CableLeastSquares as CableLeastSquares
 from .jaw.learn import JawFilter as JawFilter
-from .jaw_load.identify import EncoderZero as EncoderZero
-from .jaw_load.identify import find_encoder_zero as find_encoder_zero
-from .jaw_load.identify import identify_stiffness as identify_stiffness
+from .jaw_load.learn import EncoderZero as EncoderZero
 from .jaw_load.learn import FrictionFilter as FrictionFilter
 from .jaw_load.learn import GatedPlays as GatedPlays
 from .jaw_load.learn import Stiffness as Stiffness
+from .jaw_load.learn import find_encoder_zero as find_encoder_zero
+from .jaw_load.learn import identify_stiffness as identify_stiffness
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .motor_side.learn import ElasticJointHybrid as ElasticJointHybrid
 from .network.learn import GRU as GRU
@@ -21,6 +20,7 @@ from .plays.learn import Plays as Plays
 from .polynomial.learn import Polynomial as Polynomial
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
+from .stack.learn import Bounded as Bounded
 from .stack.learn import Stack as Stack
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor

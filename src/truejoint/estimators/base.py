@@ -61,6 +61,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     least_rows: ClassVar[int] = 10
     rows_per_feature: ClassVar[int] = 0
     training: ClassVar[Mapping[str, Rule]] = {}  # rules of parameters that its family is not told
+    fitted_params: ClassVar[Params] = {}  # parameters of its family alone, as before a fit
     partial: ClassVar[bool] = False  # a target that is NaN is left out, its row's others are not
 
     @property
@@ -138,14 +139,20 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return EstimatorData(self.family.name, self.model_params(), self.arrays_)
 
     def model_params(self) -> Params:
-        """Parameters as the family knows them."""
+        """Parameters of the family: its own, and those that a fit finds."""
         params = self.get_params(deep=False).items()
-        return {name: value for name, value in params if name not in self.training}
+        asked = {name: value for name, value in params if name not in self.training}
+        return {**asked, **vars(self).get("fitted_params_", self.fitted_params)}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
-        """Unfitted estimator of the parameters of its family."""
-        return cls(**params)
+        """Unfitted estimator of the parameters of its family, to be run only."""
+        made = cls(
+            **{name: value for name, value in params.items() if name not in cls.fitted_params}
+        )
+        if cls.fitted_params:
+            made.fitted_params_ = {name: params[name] for name in cls.fitted_params}
+        return made
 
     @classmethod
     def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:

@@ -97,6 +97,9 @@ RANDOM_STATE: Final = Rule(
 """Rule of the seed of an estimator that draws."""
 
 
+ANYTHING: Final = Rule(lambda _value: True, "anything")
+
+
 def optional(rule: Rule) -> Rule:
     """Rule of None, or of what another rule takes."""
     return Rule(lambda value: value is None or rule.holds(value), f"{rule.text}, or None")

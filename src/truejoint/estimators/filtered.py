@@ -9,7 +9,7 @@ work on the memory of a layout that begins as `filter_layout`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from math import nan
@@ -29,7 +29,7 @@ from truejoint.estimators.family import (
     call_row,
     find_family,
 )
-from truejoint.estimators.stack.run import are_members, members
+from truejoint.estimators.stack.run import are_members, member_shapes, members
 from truejoint.filters import FilterStatus
 from truejoint.filters import fields as at
 from truejoint.filters.fields import call_step, unpack_filter
@@ -169,6 +169,16 @@ class FilterRun(NamedTuple):
     sighted: Array  # (N, n_sighted) what a model on top sees, or would see
 
 
+class Estimate(NamedTuple):
+    """What a filter says about each row of a record."""
+
+    angle: Array  # (n,) or (n, k) [rad]; with a torque behind it, where that was learnt [Nm]
+    angle_deviation: Array  # of the state, and of what the model misses
+    load: Array  # (n,) or (n, k) [Nm]
+    load_deviation: Array
+    states: Array  # (n, m) of the filter
+
+
 @compiled
 def _run_rows(
     numbers: Integers,
@@ -248,7 +258,7 @@ def histories(dt: Array) -> list[slice]:
 
 
 def joined(filtered: Mapping[str, Any], model: Mapping[str, Any]) -> dict[str, Any]:
-    """Arrays of a hybrid, or their shapes, of those of its filter and of its model."""
+    """Arrays of a hybrid, of those of its filter and of its model."""
     return {**filtered, **{f"0/{name}": array for name, array in model.items()}}
 
 
@@ -277,22 +287,17 @@ def hybrid_family(
     see.
     """
 
-    def model_of(
-        params: Params, arrays: Mapping[str, Array]
-    ) -> Iterable[tuple[EstimatorData, Any]]:
-        return members({"members": (params["model"],)}, arrays)
+    def model_of(params: Params, arrays: Mapping[str, Array]) -> EstimatorData:
+        return next(members({"members": (params["model"],)}, arrays))[0]
 
     def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        ((data, _),) = model_of(params, {})
-        family = find_family(data.family)
-        family.check_params(data.params)
         of_filter = filtered.shapes(params, n_features, n_outputs) | dict(scales or {})
-        return joined(of_filter, family.shapes(data.params, *sizes(params)))
+        return of_filter | member_shapes(model_of(params, {}), *sizes(params))
 
     def pack(
         params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int
     ) -> Memory:
-        ((data, _),), (n_sighted, n_added) = model_of(params, arrays), sizes(params)
+        data, (n_sighted, n_added) = model_of(params, arrays), sizes(params)
         on_top = {"sight": sight, "n_sighted": n_sighted, "signals": signals(params, arrays)}
         if data.arrays:
             family = find_family(data.family)

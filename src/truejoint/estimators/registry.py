@@ -52,7 +52,7 @@ class Preset(NamedTuple):
 _MANY: Final = 100_000  # rows, evenly spread, that what takes long is fitted to for a choice
 _PLAYS: Final = "plays.learn.Plays", "plays.run"
 _JAW_PLAYS: Final = "plays.learn.JawPlays", "plays.run:jaw_bank"
-_LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.least_squares"
+_LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.run:least_squares"
 _POLYNOMIAL: Final = "polynomial.learn.Polynomial", "polynomial.run"
 
 PRESETS: Final[dict[str, Preset]] = {
@@ -84,7 +84,7 @@ PRESETS: Final[dict[str, Preset]] = {
     "play_reset": Preset(*_JAW_PLAYS, {"signals": ("cable/reset",)}),
     "play_both": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw", "cable/reset")}),
     "play_cables": Preset(*_JAW_PLAYS, {"signals": ("cable/drive", "cable/reset")}),
-    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated", {}, {}),
+    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.run:gated", {}, {}),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
     "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, {}),
@@ -95,8 +95,8 @@ BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
 FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {
-    name: f"{name}.run" for name in ("trees", "bounded")
-}
+    "trees": "trees.run", "bounded": "stack.run:bounded"
+}  # fmt: skip
 """Where each family is, by its name; these two are part of other estimators."""
 
 TITLES: Final = {

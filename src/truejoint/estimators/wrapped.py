@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol, Self
@@ -15,7 +15,7 @@ from sklearn.neural_network import MLPRegressor
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, target_scaling
-from truejoint.estimators.family import EstimatorData, Family, Params, find_family
+from truejoint.estimators.family import ANYTHING, EstimatorData, Family, Rule, find_family
 from truejoint.estimators.registry import OWN, PRESETS, estimator_names, plugged_in, registered
 from truejoint.estimators.trees.learn import convert
 from truejoint.plugins import call_plugin, load_plugin, origin
@@ -66,7 +66,7 @@ class WrappedRegressor(JointRegressor):
     parts_ : list of Regressor
         Clone fitted to all outputs, or one for each; absent where it is of a file and became
         arrays.
-    params_ : dict
+    fitted_params_ : dict
         Parameters of the family that it became.
 
     Examples
@@ -79,6 +79,7 @@ class WrappedRegressor(JointRegressor):
     """
 
     family: ClassVar[Family] = _FAMILY
+    training: ClassVar[Mapping[str, Rule]] = {"regressor": ANYTHING}
     regressor: Any = None
 
     @property
@@ -114,10 +115,6 @@ class WrappedRegressor(JointRegressor):
         if self.family.row is not None:
             return super().evaluate(X, dt)
         return self.arrays_["target_mean"] + self.arrays_["target_scale"] * self._predict(X)
-
-    def model_params(self) -> Params:
-        """Parameters of the family that it became; none before it is fitted."""
-        return dict(vars(self).get("params_", {}))
 
     @classmethod
     def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
@@ -157,7 +154,7 @@ class WrappedRegressor(JointRegressor):
         except CalibrationError as error:
             raise CalibrationError(f"{self.name}: {error}") from None
         self.family = _FAMILY  # type: ignore[misc]  # as `_take`
-        self.params_ = dict[str, Any]()
+        self.fitted_params_ = dict[str, Any]()
         return {"target_mean": mean, "target_scale": scale}
 
     def _fit_parts(self, X: Array, y: Array, progress: Progress) -> None:
@@ -179,7 +176,7 @@ class WrappedRegressor(JointRegressor):
     def _take(self, data: EstimatorData) -> None:
         """Become what is run by the family of `data`."""
         self.family = find_family(data.family)  # type: ignore[misc]  # known once it is fitted
-        self.params_, self.arrays_ = dict(data.params), dict(data.arrays)
+        self.fitted_params_, self.arrays_ = dict(data.params), dict(data.arrays)
 
     def _predict(self, X: Array) -> Array:
         """Predict (n, n_outputs) by the parts themselves."""

@@ -49,7 +49,7 @@ def test_a_half_width_never_vanishes_though_loads_explain_all_errors():
         rows = slice(1000 * n, 1000 * (n + 1))
         runs.append((rows, own.Run(np.zeros((1000, 6)), truth, load, dt)))
         found.append((1e-3 * size * wave, deviation, 1.01 * load, deviation, states))
-    whole = own.CableStates(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    whole = own.Estimate(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
     assert (own.structure(runs, whole) > 1e-6).all()
 
 
@@ -58,7 +58,7 @@ def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
     true, noise = np.zeros((1000, 3)), 1e-3 * rng.normal(size=(1000, 3))
     run = own.Run(np.zeros((1000, 6)), noise, true, np.full(1000, 5e-3))
     one, load = np.full((1000, 3), 1e-3), 0.01 * rng.normal(size=(1000, 3))
-    found = own.CableStates(true, one, load, one, np.zeros((1000, r.STATES)))
+    found = own.Estimate(true, one, load, one, np.zeros((1000, r.STATES)))
     structure = own.structure([(slice(None), run)], found)
     assert structure.shape == (4, 3)
     assert (structure.reshape(2, 2, 3).sum(axis=1) > 0.0).all()

@@ -11,12 +11,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from truejoint.estimators.gp import learn as gaussian_process
-from truejoint.estimators.gp.learn import (
-    GaussianProcess,
-    Kernel,
-    likeliest_kernel,
-    unlikelihood,
-)
+from truejoint.estimators.gp.learn import GaussianProcess, Kernel, likeliest_kernel, unlikelihood
 from truejoint.estimators.gp.run import to_bells
 
 

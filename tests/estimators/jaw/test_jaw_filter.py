@@ -91,7 +91,7 @@ def test_filter_is_a_kalman_filter(pair):
         if k:
             x = transition @ x + gain[:, 0] * X[k - 1, 0]
             covariance = transition @ covariance @ transition.T + noise
-        sensor = own.sensor[: len(z), : len(z)]
+        sensor = np.diag([own.displacement_noise, own.speed_noise])[: len(z), : len(z)] ** 2
         before, spread = x, seen @ covariance @ seen.T + sensor
         kalman = covariance @ seen.T @ np.linalg.inv(spread)
         x = x + kalman @ (z - seen @ x)

@@ -5,7 +5,7 @@ import pytest
 from tests.estimators.conftest import columns, fitted, rms_deg, steps, target
 
 from truejoint.estimators import CableLeastSquares
-from truejoint.estimators.jaw.least_squares import observe
+from truejoint.estimators.jaw.run import observe
 from truejoint.estimators.jaw.signals import rational_error
 
 

@@ -6,7 +6,7 @@ from tests.estimators.conftest import columns, fitted, loaded_run
 from tests.runtime.streams import stepped
 
 from truejoint.estimators import GatedPlays, JawPlays
-from truejoint.estimators.jaw_load.gated import no_more, redescending
+from truejoint.estimators.jaw_load.run import no_more, redescending
 from truejoint.simulation.forceps.load import LoadTest
 
 

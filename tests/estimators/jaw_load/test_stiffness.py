@@ -9,12 +9,12 @@ from tests.runtime.streams import stepped
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.signals import FLICKER, SLIDING
-from truejoint.estimators.jaw_load.identify import (
+from truejoint.estimators.jaw_load.learn import (
     EncoderZero,
+    FrictionFilter,
     find_encoder_zero,
     identify_stiffness,
 )
-from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.estimators.jaw_load.run import SHOWN, TURNING, UNSHOWN, hidden_load
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.simulation.forceps.load import LoadTest

@@ -14,13 +14,7 @@ from tests.runtime.streams import OneByOne
 
 from truejoint import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import (
-    ElasticJointFilter,
-    ElasticJointHybrid,
-    Polynomial,
-    Stack,
-    registry,
-)
+from truejoint.estimators import ElasticJointFilter, ElasticJointHybrid, Polynomial, Stack, registry
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.motor_side import run as elastic_joint
 from truejoint.estimators.motor_side.learn import zeros
@@ -57,17 +51,19 @@ def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
     alone = filter_of(fitted)
     whole, told = fitted.evaluate(X, dt), alone.evaluate(X, dt)
     found = fitted.estimate(X, dt)
-    n_plays = 2 * (1 + sum(len(fitted.found_[name]) for name in ("plays", "time_constants")))
+    n_plays = 2 * (
+        1 + sum(len(fitted.fitted_params_[name]) for name in ("plays", "time_constants"))
+    )
     assert fitted.arrays_["0/mean"].shape == (n_plays + ELEMENTS + 2 + 1,)
     np.testing.assert_array_equal(found.load, alone.estimate(X, dt).load)
-    np.testing.assert_array_equal(whole, found.outputs[:, :1])
+    np.testing.assert_array_equal(whole, found.angle[:, :1])
     assert np.ptp(whole - told) > 1e-3
 
 
 def test_trees_learn_what_the_filters_responses_lack(fitted):
     X, y, dt = rippled(range(30, 34))
     for left, without in zip(
-        *((one.estimate(X, dt).outputs - y).std(axis=0) for one in (fitted, filter_of(fitted))),
+        *((one.estimate(X, dt).angle - y).std(axis=0) for one in (fitted, filter_of(fitted))),
         strict=True,
     ):
         assert left < 0.7 * without
@@ -89,7 +85,7 @@ def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
     for row, step in zip(X, dt, strict=True):
         state.step(step, row)
         told.append(state.memory.view("torque")[0])
-    np.testing.assert_array_equal(told, fitted.estimate(X, dt).outputs[:, 1])
+    np.testing.assert_array_equal(told, fitted.estimate(X, dt).angle[:, 1])
 
 
 def test_trees_of_the_filter_do_not_smooth(fitted):
@@ -111,14 +107,16 @@ def test_a_mean_tells_the_torque_of_its_member(fitted):
     hybrid = model.model.members_[0].members_[0]
     X = model.feature_set.compute(unseen, model.gap_limit)
     told = hybrid.estimate(X, time_steps(unseen.t, model.gap_limit))
-    np.testing.assert_allclose(trace.beside["torque"][:, 0], told.outputs[:, 1], atol=1e-9)
+    np.testing.assert_allclose(trace.beside["torque"][:, 0], told.angle[:, 1], atol=1e-9)
 
 
 def test_a_model_sees_the_plays_that_it_was_fitted_to(fitted, monkeypatch):
     X, _, dt = rippled([20])
     whole = fitted.evaluate(X, dt)
     others = {"plays": (0.3, 0.4), "time_constants": (0.1,)}
-    monkeypatch.setattr(ElasticJointHybrid, "_FOUND", {**ElasticJointHybrid._FOUND, **others})
+    monkeypatch.setattr(
+        ElasticJointHybrid, "fitted_params", {**ElasticJointHybrid.fitted_params, **others}
+    )
     again = ElasticJointHybrid.from_data(fitted.data, 2, 1)
     np.testing.assert_array_equal(again.evaluate(X, dt), whole)
     without = {n: v for n, v in fitted.model_params().items() if n != "plays"}

@@ -15,7 +15,7 @@ from tests.runtime.streams import OneByOne
 from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.cli.correct import correct_rows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.jaw.base import MIN_ROWS
+from truejoint.estimators.jaw.learn import MIN_ROWS
 from truejoint.estimators.motor_side.learn import ElasticJointFilter
 from truejoint.estimators.motor_side.run import NOISE
 from truejoint.features.feature_set import time_steps
@@ -91,7 +91,7 @@ def test_it_finds_the_widths_of_the_friction(fitted):
 def test_it_estimates_angle_torque_and_load_of_motions_that_it_never_saw(fitted):
     X, y, steps, load = rows([50, 51, 52])
     estimate = fitted.estimate(X, steps)
-    error = estimate.outputs - y
+    error = estimate.angle - y
     # Torque noise of 2 mNm stands for 0.12 deg; a constant angle is off by 15 deg, and a jaw that
     # followed the driver's angle alone by its load's spread, 2 deg.
     assert np.degrees(error[:, 0].std()) < 0.08
@@ -111,14 +111,14 @@ def test_three_loads_are_no_reason_for_a_cubic():
     y[:, 0] += np.repeat(np.radians(rng.normal(0.0, 0.3, len(parts))), len(y) // len(parts))
     model = fit(ElasticJointFilter(elements=2), X, y, steps)
     X, y, steps, _ = under([90, 91], 0.09)
-    assert abs(np.degrees((model.estimate(X, steps).outputs - y)[:, 0].mean())) < 0.3
+    assert abs(np.degrees((model.estimate(X, steps).angle - y)[:, 0].mean())) < 0.3
 
 
 def test_it_follows_a_load_that_changes(fitted):
     X, y, steps, load = rows([60], seconds=60.0, load=lambda t: 0.06 + 0.04 * np.sin(0.1 * t))
     estimate = fitted.estimate(X, steps)
     assert np.corrcoef(estimate.load, load)[0, 1] > 0.99
-    assert np.degrees((estimate.outputs - y)[:, 0].std()) < 0.2
+    assert np.degrees((estimate.angle - y)[:, 0].std()) < 0.2
 
 
 def test_what_it_states_of_its_errors_holds(fitted):
@@ -132,7 +132,7 @@ def test_what_it_states_of_its_errors_holds(fitted):
     )
     estimate = model.estimate(X, steps)
     for error, deviation in (
-        *zip((estimate.outputs - y).T, estimate.deviations.T, strict=True),
+        *zip((estimate.angle - y).T, estimate.angle_deviation.T, strict=True),
         (estimate.load - load, estimate.load_deviation),
     ):
         assert 0.7 < np.sqrt(np.mean((error / deviation) ** 2)) < 1.3
@@ -161,7 +161,7 @@ def test_the_torque_does_not_change_the_angle(fitted):
     assert alone.family.beside(alone.model_params()) == {}
     Xt, _, stepst, _ = rows([50])
     np.testing.assert_array_equal(alone.predict(Xt, stepst), fitted.predict(Xt, stepst))
-    assert alone.estimate(Xt, stepst).outputs.shape == (len(Xt), 1)
+    assert alone.estimate(Xt, stepst).angle.shape == (len(Xt), 1)
 
 
 def test_a_torque_that_is_known_in_few_rows_is_not_told(fitted):
@@ -175,7 +175,7 @@ def test_a_torque_of_0_that_was_read_is_learnt(fitted):
     """Of a jaw that presses in one half of its travel alone."""
     X, y, steps, _ = rows(range(5))
     y[:, 1] = 0.1 * np.maximum(X[:, 0] - 0.5, 0.0)
-    told = fit(clone(fitted), X, y, steps).estimate(X, steps).outputs[:, 1]
+    told = fit(clone(fitted), X, y, steps).estimate(X, steps).angle[:, 1]
     assert np.abs(told[y[:, 1] == 0.0]).mean() < 0.01  # the line of the other half is at -0.03
 
 
@@ -208,8 +208,8 @@ def test_from_recordings_to_a_model_file_and_back(tmp_path):
     X = calibration.feature_set.compute(unseen, calibration.gap_limit)
     told = model.estimate(X, time_steps(unseen.t, calibration.gap_limit))
     value, half_width = trace.beside["torque"].T
-    np.testing.assert_allclose(value, told.outputs[:, 1], rtol=0.0, atol=1e-12)
-    by_level = NormalDist().inv_cdf(0.95) * told.deviations[:, 1]
+    np.testing.assert_allclose(value, told.angle[:, 1], rtol=0.0, atol=1e-12)
+    by_level = NormalDist().inv_cdf(0.95) * told.angle_deviation[:, 1]
     np.testing.assert_allclose(half_width, by_level, rtol=1e-9)
     off = np.abs(value - unseen.column("truth_effort/jaw"))
     assert off.std() < 1.5e-3

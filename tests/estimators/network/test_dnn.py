@@ -13,12 +13,7 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.network.learn import (
-    EPSILON,
-    Layers,
-    effective_batch,
-    loss_and_gradient,
-)
+from truejoint.estimators.network.learn import EPSILON, Layers, effective_batch, loss_and_gradient
 
 SIZES = (4, 6, 5, 3)
 

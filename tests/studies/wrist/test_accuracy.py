@@ -10,7 +10,7 @@ import pytest
 from truejoint.drawing import png
 from truejoint.errors import StudyError, TruejointError
 from truejoint.estimators.cables import learn as cable_filter
-from truejoint.estimators.cables.learn import CableStates
+from truejoint.estimators.filtered import Estimate
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.twin import WristTwin
@@ -83,7 +83,7 @@ def test_what_errs_as_stated_is_honest_and_what_states_half_is_not():
     test = Recording.from_columns({"t": 0.005 * np.arange(n), **columns}, Provenance("wrist"))
     deviations = np.full((n, 3), 0.01), np.full((n, 3), 0.001)
     angle[: n // 10] = 1.0  # before what counts
-    states = CableStates(angle, deviations[0], load, deviations[1], np.zeros((n, 15)))
+    states = Estimate(angle, deviations[0], load, deviations[1], np.zeros((n, 15)))
     of_angle, of_load = honesty(states, test, 0.1 * test.t[-1], motion="free")
     assert of_angle["nees"] == pytest.approx(1.0, abs=0.05)
     assert of_angle["covered"] == pytest.approx(0.9, abs=0.02)

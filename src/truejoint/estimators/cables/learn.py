@@ -20,8 +20,8 @@ from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables import run as cable_filter
 from truejoint.estimators.cables.run import DECAY, SOUGHT
 from truejoint.estimators.family import EstimatorData, Family, Params, Rule, optional
-from truejoint.estimators.filtered import histories, joined, run_filter
-from truejoint.estimators.jaw.base import MIN_ROWS, median_dt
+from truejoint.estimators.filtered import Estimate, histories, joined, run_filter
+from truejoint.estimators.jaw.learn import MIN_ROWS, usual_dt
 from truejoint.estimators.plays.learn import Plays
 from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import CableMechanism
@@ -54,17 +54,6 @@ _FILTERED: Final = 0.8  # share of the fit's time that the filter takes
 
 
 @dataclass(frozen=True, eq=False)
-class CableStates:
-    """What the filter says about each row of a record."""
-
-    angle: Array  # (n, 3) [rad]
-    angle_deviation: Array
-    load: Array  # (n, 3) [Nm]: grip, and torques of the tip's arms
-    load_deviation: Array
-    states: Array  # (n, 15) of `models.cable_loops`
-
-
-@dataclass(frozen=True, eq=False)
 class Run:
     """One history: motors and efforts (n, 6), true joints and loads (n, 3), NaN where unknown."""
 
@@ -74,14 +63,9 @@ class Run:
     dt: Array  # (n,)
 
     @property
-    def effort(self) -> Array:
-        """Efforts (n, 3) of the motors [Nm]."""
-        return self.X[:, r.N :]
-
-    @property
     def step(self) -> float:
         """Time between two rows [s]."""
-        return median_dt(self.dt)
+        return usual_dt(self.dt)
 
     @property
     def settled(self) -> int:
@@ -168,7 +152,7 @@ def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Arra
         columns = np.stack([torque, share, speed, np.ones_like(torque)], axis=2)
         rows = history.with_truth[::_THINNED]
         terms = geometry(inputs[rows, : r.N] @ rigid.T)
-        residuals, efforts = (history.truth - joint)[rows], history.effort[rows]
+        residuals, efforts = (history.truth - joint)[rows], history.X[rows, r.N :]
         parts.append((residuals, efforts, terms, columns[rows], np.full(len(rows), n)))
     angle, effort, terms, columns, run = (np.concatenate(part) for part in zip(*parts, strict=True))
     added = np.linalg.lstsq(terms, angle, rcond=None)[0]
@@ -259,7 +243,7 @@ def _is_loaded(load: Array) -> bool:
     return bool((np.abs(load) > NO_LOAD).any())
 
 
-def structure(runs: Sequence[tuple[slice, Run]], states: CableStates) -> Array:
+def structure(runs: Sequence[tuple[slice, Run]], states: Estimate) -> Array:
     """By what variances of angles and of loads are multiplied, what is added to them (4, 3).
 
     The latter per square of the loads that are seen. The errors in each of the runs, with its rows
@@ -365,14 +349,12 @@ class CableFilter(JointRegressor):
             return ()
         return tuple(f"truth_load/{name}" for name in ("grip", *self.mechanism.arms))
 
-    def states(self, X: Array, dt: Array) -> CableStates:
+    def states(self, X: Array, dt: Array, arrays: Arrays | None = None) -> Estimate:
         """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before."""
-        return self._states(self.arrays_, X, dt)
-
-    def _states(self, arrays: Arrays, X: Array, dt: Array) -> CableStates:
-        data = EstimatorData(self.family.name, self.model_params(), arrays)
+        learnt = self.arrays_ if arrays is None else arrays
+        data = EstimatorData(self.family.name, self.model_params(), learnt)
         run = run_filter(data, X, dt, n_outputs=r.N)
-        return CableStates(run.outputs, run.deviations, run.beside[:, 0], run.beside[:, 1], run.x)
+        return Estimate(run.outputs, run.deviations, run.beside[:, 0], run.beside[:, 1], run.x)
 
     def unloaded(self, X: Array, dt: Array) -> tuple[Array, Array]:
         """Joints (n, 3) [rad] and states (n, 15) of the model alone, where nothing loads it.
@@ -391,7 +373,7 @@ class CableFilter(JointRegressor):
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         arrays = self._identified(X, y, dt, progress)
-        arrays["structure"] = structure(self._runs(X, y, dt), self._states(arrays, X, dt))
+        arrays["structure"] = structure(self._runs(X, y, dt), self.states(X, dt, arrays))
         progress(1.0)
         return arrays
 
@@ -463,32 +445,20 @@ class CableHybrid(CableFilter):
 
     family: ClassVar[Family] = cable_filter.HYBRID_ROWS
 
-    def model_params(self) -> dict[str, object]:
-        """Parameters of the family: the motors, and the plays'."""
-        usual = (Plays.family.name, WRIST_PLAYS.model_params(), ())
-        return {**super().model_params(), "model": vars(self).get("plays_", usual)}
-
-    @classmethod
-    def from_params(cls, params: Params) -> Self:
-        """Make one of these parameters, to be run only."""
-        made = cls(params["channels"])
-        made.plays_ = params["model"]
-        return made
+    fitted_params: ClassVar[Params] = {"model": (Plays.family.name, WRIST_PLAYS.model_params(), ())}
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         arrays = self._identified(X, y, dt, lambda done: progress(_FILTERED * done))
         data = EstimatorData(self.family.name, self.model_params(), arrays)
         run = run_filter(data, X, dt, n_outputs=r.N)
         # Of a load that calibration does not have, the filter's word is all there is.
-        has_load, by_filter = (
-            np.ptp(self._loads, axis=0) > NO_LOAD,
-            run.sighted[:, 4 * r.N : 5 * r.N],
-        )
+        has_load = np.ptp(self._loads, axis=0) > NO_LOAD
+        by_filter = run.sighted[:, 4 * r.N : 5 * r.N]
         wanted = np.hstack([y - run.outputs, np.where(has_load, self._loads, by_filter)])
         plays = clone(WRIST_PLAYS).fit(run.sighted, wanted, dt=dt)
-        self.plays_ = (Plays.family.name, plays.model_params(), ())
+        self.fitted_params_ = {"model": (Plays.family.name, plays.model_params(), ())}
         arrays = joined(arrays, plays.arrays_)
-        estimate = self._states(arrays, X, dt)
+        estimate = self.states(X, dt, arrays)
         errors = np.hstack([y - estimate.angle, self._loads - estimate.load])
         # Squares of errors are larger on blocks that plays were not fitted to.
         has_truth = np.isfinite(wanted).all(axis=1)

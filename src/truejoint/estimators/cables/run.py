@@ -232,11 +232,6 @@ def pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_to
     )
 
 
-def inputs(params: Params) -> tuple[str, ...]:
-    """Features that it takes: angles of the motors, and their efforts."""
-    return tuple(f"{kind}/{name}" for kind in ("motor", "effort") for name in params["channels"])
-
-
 @compiled
 def sight(
     numbers: Integers, memory: Array, _dt: float, x: Array, out: Array, sighted: Array
@@ -272,7 +267,9 @@ FAMILY: Final = Family(
     pack=pack,
     row=at.filter_row,
     remembers=True,
-    inputs=inputs,
+    inputs=lambda params: tuple(
+        f"{kind}/{name}" for kind in ("motor", "effort") for name in params["channels"]
+    ),
     targets=("position",),
     states_deviation=lambda _params: True,
     beside=lambda _params: dict.fromkeys(LOADS, ()),

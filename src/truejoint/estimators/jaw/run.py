@@ -1,4 +1,4 @@
-"""The unscented filter of yan2020 for a jaw, (12)-(25): its model, and its row."""
+"""What runs of yan2020 for a jaw: the unscented filter, (12)-(25), and least squares, (29)-(30)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,17 @@ from truejoint.estimators.family import POSITIVE, Family, Params, Shape, number,
 from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
 from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
+    DRIVE,
     ERROR_SHAPES,
     MECHANISM_RULES,
     MOTOR,
     RESET,
     bounded_error,
 )
+from truejoint.estimators.products import weighted
 from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
-from truejoint.layout import Memory, part_memory, part_numbers
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
 # by row), jaw inertia, slider mass, torque on the jaw per motor angle, and the spectral densities
@@ -131,13 +133,14 @@ class ForcepsModel(SimpleNamespace):
         """Tension of both cables at rest per jaw angle [N/rad]."""
         return float((self.drive_stiffness + self.reset_stiffness) * self.jaw_radius)
 
-    @property
-    def sensor(self) -> Array:
-        """Covariance (2, 2) of the measured displacement [m] and speed [m/s]."""
-        return np.diag([self.displacement_noise, self.speed_noise]) ** 2
+    def rest_covariance(self) -> Array:
+        """Covariance (4, 4) of the state in balance, (9): friction holds the jaw off it."""
+        slider = self.slider_friction / (self.reset_stiffness * self.jaw_radius)
+        angle = slider + self.jaw_friction / (self.rest_divisor * self.jaw_radius)
+        return np.asarray(np.diag([angle, 1e-2, self.displacement_noise, self.speed_noise]) ** 2)
 
-    def modes(self) -> tuple[Array, Array]:
-        """Angular frequencies (2,) [rad/s] and shapes (2, 2, as columns) of jaw and slider."""
+    def state_space(self) -> StateSpaceModel:
+        """Build the filter's model, by its modes: (13), with the noise of neglected friction."""
         k_d, k_r, r = self.drive_stiffness, self.reset_stiffness, self.jaw_radius
         inertia, mass = self.jaw_inertia, self.slider_mass
         restoring = np.array(
@@ -147,24 +150,12 @@ class ForcepsModel(SimpleNamespace):
             ]
         )
         scale = np.sqrt([inertia, mass])
-        values, vectors = np.linalg.eigh(restoring * np.outer(scale, 1.0 / scale))
-        return np.sqrt(values), vectors / scale[:, None]
-
-    def rest_covariance(self) -> Array:
-        """Covariance (4, 4) of the state in balance, (9): friction holds the jaw off it."""
-        slider = self.slider_friction / (self.reset_stiffness * self.jaw_radius)
-        angle = slider + self.jaw_friction / (self.rest_divisor * self.jaw_radius)
-        sensors = self.displacement_noise, self.speed_noise
-        return np.asarray(np.diag([angle, 1e-2, *sensors]) ** 2)
-
-    def state_space(self) -> StateSpaceModel:
-        """Build the filter's model: (13), with the noise of neglected friction."""
-        frequencies, shapes = self.modes()
-        masses = [self.jaw_inertia, self.slider_mass, self.drive_tension * self.jaw_radius]
+        squares, vectors = np.linalg.eigh(restoring * np.outer(scale, 1.0 / scale))
+        frequencies, shapes = np.sqrt(squares), vectors / scale[:, None]  # [rad/s], as columns
         friction = np.array([self.jaw_friction, self.slider_friction]) ** 2 * self.correlation_time
         # No jaw turns further than once round, within a millisecond at that; no cable goes further
         # than twice that.
-        turn, cable = 2.0 * math.pi, 4.0 * math.pi * self.jaw_radius
+        turn, cable = 2.0 * math.pi, 4.0 * math.pi * r
         largest = {
             "jaw": turn, "jaw_speed": 1e3 * turn, "reset": cable, "reset_speed": 1e3 * cable,
             "motor": cable * self.gear_ratio / self.wheel_radius,
@@ -173,19 +164,15 @@ class ForcepsModel(SimpleNamespace):
             transition=transition,
             measurement=measurement,
             process_noise=process_noise,
-            measurement_noise=self.sensor,
+            measurement_noise=np.diag([self.displacement_noise, self.speed_noise]) ** 2,
             states=("jaw", "jaw_speed", "reset", "reset_speed"),
             measurements=("reset", "reset_speed"),
             inputs=("motor",),
-            parameters=np.concatenate([frequencies, shapes.ravel(), masses, friction]),
+            parameters=np.concatenate(
+                [frequencies, shapes.ravel(), [inertia, mass, self.drive_tension * r], friction]
+            ),
             possible={name: (-bound, bound) for name, bound in largest.items()},
         )
-
-
-def jaw_filter(params: Params) -> UnscentedFilter:
-    """Build the filter (15)-(23), of its parameters."""
-    space = ForcepsModel(**params).state_space()
-    return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))
 
 
 LAYOUT: Final = filter_layout()
@@ -242,6 +229,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     model = ForcepsModel(**params)
+    unscented = UnscentedFilter(model.state_space(), LambdaSigmaPoints(params["lambda_"]))
     return pack_filter(
         LAYOUT,
         take_inputs=take_inputs,
@@ -251,7 +239,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         reset_stiffness=model.reset_stiffness,
         divisor=model.rest_divisor,
         **arrays,
-        filter=jaw_filter(params).memory(np.zeros(4), model.rest_covariance()),
+        filter=unscented.memory(np.zeros(4), model.rest_covariance()),
     )
 
 
@@ -277,4 +265,86 @@ FAMILY: Final = Family(
     # What is left by a constant alone is friction that always pulls the same way, which no
     # covariance tells; that of the bare filter is more than enough for what (25) leaves.
     states_deviation=lambda params: bool(params["compensated"]),
+)
+
+OBSERVED: Final = 7
+"""Columns of the observation matrix (29)."""
+
+LEAST_SQUARES_LAYOUT: Final = Layout()
+LEAST_SQUARES_LAYOUT.integer("compensated", "1: less the error model in the motor's angle")
+LEAST_SQUARES_LAYOUT.scalar("constant", "of the sum [rad]")
+LEAST_SQUARES_LAYOUT.array("coef", "of each column", OBSERVED)
+LEAST_SQUARES_LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
+LEAST_SQUARES_LAYOUT.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
+LEAST_SQUARES_LAYOUT.array("error_range", "within which that is believed [rad]", 2)
+LEAST_SQUARES_LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before", 4)
+LEAST_SQUARES_LAYOUT.array(
+    "columns", "of a row: x1 and x2 with derivatives, sign of a speed", OBSERVED
+)
+unpack_least_squares = LEAST_SQUARES_LAYOUT.unpacker()
+
+
+@compiled
+def cable_least_squares_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by (29), or by (30) where there is an error model."""
+    m = unpack_least_squares(numbers, memory)
+    drive, reset = x[m.compensated], x[m.compensated + 1]
+    observe(dt, drive, reset, m.last, m.columns)
+    error = 0.0
+    if m.compensated == 1:
+        error = bounded_error(x[0], reset, m.scale, m.error_coef, m.error_range, half_width)
+    out[0] = weighted(m.columns, m.coef) + m.constant - error
+
+
+@compiled
+def observe(dt: float, drive: float, reset: float, last: Array, out: Array) -> None:
+    """One row of (29) into `out` (7,): both displacements [m], their speeds and accelerations.
+
+    Last comes the sign of the drive's speed. `dt` [s] is 0 where a history starts, at rest; `last`
+    (4,), displacements and speeds of the row before, is changed in place.
+    """
+    for i in range(2):
+        place = drive if i == 0 else reset
+        speed = 0.0
+        acceleration = 0.0
+        if dt > 0.0:
+            speed = (place - last[i]) / dt
+            acceleration = (speed - last[2 + i]) / dt
+        last[i] = place
+        last[2 + i] = speed
+        out[3 * i] = place
+        out[3 * i + 1] = speed
+        out[3 * i + 2] = acceleration
+    out[6] = np.sign(out[4])
+
+
+@compiled
+def observe_rows(dt: Array, drive: Array, reset: Array, out: Array) -> None:
+    """(29) of every row, into `out` (n, 7)."""
+    last = np.zeros(4)
+    for i in range(dt.shape[0]):
+        observe(dt[i], drive[i], reset[i], last, out[i])
+
+
+def _least_squares_shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    shapes: dict[str, Shape] = {"coef": (OBSERVED,), "constant": (1,)}
+    if params["compensated"]:
+        shapes |= ERROR_SHAPES
+    return only_joint("jaw.least_squares", shapes, n_outputs)
+
+
+LEAST_SQUARES: Final = Family(
+    "jaw.least_squares",
+    rules=dict.fromkeys(("intercept", "compensated"), one_of(False, True)),
+    shapes=_least_squares_shapes,
+    pack=lambda params, arrays, _k, _n: LEAST_SQUARES_LAYOUT.pack(
+        compensated=params["compensated"], **arrays
+    ),
+    row=cable_least_squares_row,
+    remembers=True,
+    counts_samples=True,  # differences of rows
+    inputs=lambda params: (MOTOR, DRIVE, RESET) if params["compensated"] else (DRIVE, RESET),
+    targets=("position", "error"),
 )

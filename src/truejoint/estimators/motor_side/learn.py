@@ -6,7 +6,7 @@ There is one with boosted trees that learn what it leaves, too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final, Self
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,21 +18,9 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.estimators.family import EstimatorData, Family, Params
-from truejoint.estimators.filtered import histories, joined, run_filter
-from truejoint.estimators.jaw import base as jaw
+from truejoint.estimators.filtered import Estimate, histories, joined, run_filter
+from truejoint.estimators.jaw import learn as jaw
 from truejoint.estimators.motor_side import run as model
-from truejoint.estimators.motor_side.run import (
-    DRIVER,
-    HYBRID_ROWS,
-    LOAD_TERMS,
-    NOISE,
-    PER_ELEMENT,
-    POLYNOMIAL,
-    TORQUE,
-    bent_terms,
-    output_terms,
-    terms,
-)
 from truejoint.estimators.plays.learn import feature_scales
 from truejoint.estimators.plays.run import follow_rows
 from truejoint.estimators.polynomial.learn import BLOCKS, blocks, cross_validated, levels, ridge
@@ -58,16 +46,6 @@ _JUDGED: Final = 10_000  # by which zeros are found, at most
 _BELIEVED: Final = 0.8  # share of a zero that others' trees leave
 _ASKED: Final = 0.15  # share of what is seen that a split of the torque's trees may ask for
 _FILTERED: Final = 0.6  # share of the fit's time that the filter takes
-
-
-@dataclass(frozen=True, eq=False)
-class JointEstimate:
-    """What the filter knows after each row."""
-
-    outputs: Array  # (n, 1 or 2), jaw's angle [rad] and, if it was learnt, torque [Nm]
-    deviations: Array  # (n, 1 or 2), of the state, and of what the joint's model misses
-    load: Array  # (n,), torque that would hold it in the middle without friction [Nm]
-    load_deviation: Array  # (n,)
 
 
 @dataclass(eq=False, repr=False)
@@ -107,19 +85,7 @@ class ElasticJointFilter(JointRegressor):
     load_drift: float = 0.05
     torque_noise: float = 7e-3
 
-    _FOUND: ClassVar[Params] = {"tells_torque": False}
-    """Parameters of the family that a fit finds, as they are before one."""
-
-    def model_params(self) -> Params:
-        """Parameters of the family: its own, and those that a fit found."""
-        return {**super().model_params(), **vars(self).get("found_", self._FOUND)}
-
-    @classmethod
-    def from_params(cls, params: Params) -> Self:
-        """Make one of these parameters, to be run only."""
-        made = cls(**{name: value for name, value in params.items() if name not in cls._FOUND})
-        made.found_ = {name: params[name] for name in cls._FOUND}
-        return made
+    fitted_params: ClassVar[Params] = {"tells_torque": False}
 
     def truth_beside(self) -> tuple[str, ...]:
         """Column of the jaw's torque; of a history in which it is 0 throughout it is not known."""
@@ -136,9 +102,11 @@ class ElasticJointFilter(JointRegressor):
         has_truth = self._known(y)
         self._check_motion(X, has_truth, dt)
         low, high = float(X[:, 0].min()), float(X[:, 0].max())
-        scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
+        scales = np.array(
+            [0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), jaw.usual_dt(dt, np.mean)]
+        )
         chosen = thinned(dt, has_truth)
-        motion = motion_of(X, scales, dt).pick(chosen)
+        motion = Motion((X[:, 0] - scales[0]) / scales[1], X[:, 1] / scales[2], dt).pick(chosen)
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = has_truth[chosen][settled]
         if with_truth.sum() < jaw.MIN_ROWS:
@@ -161,14 +129,14 @@ class ElasticJointFilter(JointRegressor):
         progress(0.8)
         filtered = {
             **identified,
-            "scales": np.append(scales[:3], mean_dt(motion.dt)),
+            "scales": np.append(scales[:3], jaw.usual_dt(motion.dt, np.mean)),
             "outputs": np.zeros((1, len(identified["torque"]) + 2)),
             "misfit": np.zeros(1),
         }
         data = EstimatorData(model.FAMILY.name, self.model_params(), filtered)
         run = run_filter(data, X[chosen], motion.dt)
         targets = self._targets(y, dt)[chosen]
-        self.found_: Params = {**self._FOUND, "tells_torque": targets.shape[1] > 1}
+        self.fitted_params_ = {**self.fitted_params, "tells_torque": targets.shape[1] > 1}
         responses = [_response(motion, run.x, run.P, target) for target in targets.T]
         progress(1.0)
         return {
@@ -179,39 +147,41 @@ class ElasticJointFilter(JointRegressor):
         }
 
     def _check_motion(self, X: Array, has_truth: Flags, dt: Array) -> None:
-        for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
+        for name, column in zip((model.DRIVER, model.TORQUE), X.T, strict=True):
             jaw.check_changes(self.name, name, column[has_truth], " under load")
-        jaw.check_jumps(self.name, DRIVER, X[:, 0], np.cumsum(dt == 0.0))
+        jaw.check_jumps(self.name, model.DRIVER, X[:, 0], np.cumsum(dt == 0.0))
         turns = sum(jaw.reversals(X[rows, 0]) for rows in histories(dt))
         jaw.check_reversals(self.name, "driver", turns)
 
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
-    ) -> JointEstimate:
+    ) -> Estimate:
         """Angle, torque and load, with their deviations, of rows `X` (n, 2) in the order of time.
 
-        `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
+        The load is the torque that would hold the jaw in the middle without friction. `dt` (n,) is
+        as for `fit`; `smoothed` uses later rows as well, which no controller can. Raises
+        CalibrationError where trees are to be `smoothed`: they know what the filter leaves, and on
+        smoothed states they err more than on its own.
         """
+        if smoothed and "model" in self.fitted_params:
+            raise CalibrationError(
+                f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
+                f"{ElasticJointFilter().name}, or take smoothed=False"
+            )
         steps, elements = self.time_steps(dt, len(X)), int(self.elements)
         run = run_filter(self.data, X, steps, smoothed=smoothed)
         scale = float(self.arrays_["scales"][2])
-        return JointEstimate(
-            outputs=np.hstack([run.outputs, run.beside[:, 0]]),
-            deviations=np.hstack([run.deviations, run.beside[:, 1]]),
-            load=run.x[:, elements] * scale,
-            load_deviation=np.sqrt(np.maximum(run.P[:, elements, elements], 0.0)) * scale,
-        )
-
-
-def motion_of(X: Array, scales: Array, dt: Array) -> Motion:
-    """Rows `X` (n, 2) of driver and torque in units of the calibration, of its `scales` (4,)."""
-    middle, half_range, torque, _dt = scales
-    return Motion((X[:, 0] - middle) / half_range, X[:, 1] / torque, dt)
+        variance = np.maximum(run.P[:, elements, elements], 0.0)
+        return Estimate(
+            np.hstack([run.outputs, run.beside[:, 0]]),
+            np.hstack([run.deviations, run.beside[:, 1]]),
+            run.x[:, elements] * scale, np.sqrt(variance) * scale, run.x,
+        )  # fmt: skip
 
 
 def thinned(dt: Array, has_truth: Flags) -> Integers:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
-    stride = max(1, round(_FILTER_DT / mean_dt(dt)))
+    stride = max(1, round(_FILTER_DT / jaw.usual_dt(dt, np.mean)))
     fresh = dt == 0.0
     count = np.arange(len(dt)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
     return np.flatnonzero(has_truth | (count % stride == 0))
@@ -262,7 +232,7 @@ def _response(motion: Motion, states: Array, spread: Array, target: Array) -> tu
     """
     rows = np.flatnonzero(np.isfinite(target))
     angle, y = motion.angle[rows], target[rows]
-    columns = output_terms(angle, states[rows])
+    columns = model.output_terms(angle, states[rows])
     coefficients = respond(columns, y, states[rows, -2], motion.history[rows], motion.dt[rows])
     outputs, by_state = np.empty((2, len(rows), 1))
     model.output_rows(angle, states[rows], spread[rows], coefficients, outputs, by_state)
@@ -283,17 +253,17 @@ def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array)
     rows = [np.isin(place, part) for part in parts] if len(parts) > 1 else blocks(dt)
     table = np.column_stack([columns, y])
     products = np.array([table[some].T @ table[some] for some in rows])
-    bent = bent_terms((columns.shape[1] - 2 - POLYNOMIAL) // PER_ELEMENT)[1:]
+    bent = model.bent_terms((columns.shape[1] - 2 - model.POLYNOMIAL) // model.PER_ELEMENT)[1:]
     weights = [np.where(bent, share, 1.0) for share in _BENDS]
     return np.ascontiguousarray(cross_validated(products, weights).coefficients.T)
 
 
 def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:
     """Torque response (p,) of which the load is a part as it is, and what it leaves over (n,)."""
-    free = [i for i in range(columns.shape[1]) if i not in LOAD_TERMS]
+    free = [i for i in range(columns.shape[1]) if i not in model.LOAD_TERMS]
     coefficients = np.zeros(columns.shape[1])
     coefficients[free] = ridge(columns[:, free], torque - load, _PENALTY)[0]
-    coefficients[LOAD_TERMS[1]] = 1.0
+    coefficients[model.LOAD_TERMS[1]] = 1.0
     return coefficients, torque - columns @ coefficients
 
 
@@ -315,14 +285,14 @@ class _Static:
     def columns(self, widths: Array) -> Array:
         """Terms (n, p) of the responses."""
         deflections = self.motion.deflections(widths)[self.rows]
-        return terms(self.angle, self.load[self.history], deflections)
+        return model.terms(self.angle, self.load[self.history], deflections)
 
     def settle_loads(self, widths: Array) -> None:
         """Find the load of each history, and the torque response, by turns."""
         deflections = self.motion.deflections(widths)[self.rows]
         for _ in range(_ROUNDS):
             load = self.load[self.history]
-            columns = terms(self.angle, load, deflections)
+            columns = model.terms(self.angle, load, deflections)
             self.load = self.load + self._by_history(regress_torque(columns, self.torque, load)[1])
 
     def misfits(self, widths: Array) -> tuple[Array, Array]:
@@ -365,7 +335,7 @@ class _Static:
             "load_mean": float(load.mean()),
             "load_deviation": spread,
         }
-        in_order = np.array([noise[name] for name in NOISE])
+        in_order = np.array([noise[name] for name in model.NOISE])
         return {"noise": in_order, "widths": widths, "torque": torque}
 
     def _by_history(self, values: Array) -> Array:
@@ -382,12 +352,6 @@ def _memory(residual: Array, travel: Array) -> float:
         np.mean(residual[near] * residual[near - 1]) / max(float(np.mean(residual**2)), 1e-300)
     )
     return float(-distance[near].mean() / np.log(min(max(alike, 0.05), 0.99)))
-
-
-def mean_dt(dt: Array) -> float:
-    """Mean time between rows [s] within histories; 5 ms where there is only one row."""
-    moving = dt[dt > 0.0]
-    return float(moving.mean()) if len(moving) else 5e-3
 
 
 @dataclass(eq=False, repr=False)
@@ -409,10 +373,10 @@ class ElasticJointHybrid(ElasticJointFilter):
     'hybrid'
     """
 
-    family: ClassVar[Family] = HYBRID_ROWS
+    family: ClassVar[Family] = model.HYBRID_ROWS
 
-    _FOUND: ClassVar[Params] = {
-        **ElasticJointFilter._FOUND, **_PLAYS,
+    fitted_params: ClassVar[Params] = {
+        **ElasticJointFilter.fitted_params, **_PLAYS,
         "model": (TREES.name, dict.fromkeys(TREES.rules, 1), ()),
     }  # fmt: skip
 
@@ -438,23 +402,8 @@ class ElasticJointHybrid(ElasticJointFilter):
             sums.append(_fitted(unfitted, inputs[rows], torque[rows]))
         progress(1.0)
         trees = trees_data(sums, np.zeros(inputs.shape[1]), np.ones(inputs.shape[1]))
-        self.found_ = {**self.found_, "model": (TREES.name, trees.params, ())}
+        self.fitted_params_ |= {"model": (TREES.name, trees.params, ())}
         return joined(filtered, trees.arrays)
-
-    def estimate(
-        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
-    ) -> JointEstimate:
-        """Angle, torque and load, as the filter tells them, with what the trees add.
-
-        Raises CalibrationError where it is to be `smoothed`: the trees know what the filter leaves,
-        and on smoothed states they err more than on its own.
-        """
-        if smoothed:
-            raise CalibrationError(
-                f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
-                f"{ElasticJointFilter().name}, or take smoothed=False"
-            )
-        return super().estimate(X, dt)
 
 
 def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:

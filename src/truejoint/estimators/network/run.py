@@ -339,15 +339,7 @@ def _tcn_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> M
         table[name] = padded(arrays[name].reshape(n_layers, units, units), axes=2).ravel()
     from_units, from_features = np.split(padded(arrays["output_weights"]), [units])
     table["output_weights"] = np.vstack([padded(from_units, axes=2), from_features])
-    width = len(table["input_bias"])
-    return TCN_LAYOUT.pack(
-        period=params["period"],
-        **table,
-        past=np.zeros((2**n_layers - 1, width)),
-        seen=np.zeros(width + k),
-        units_now=np.zeros(width),
-        sums=np.zeros_like(table["output_bias"]),
-    )
+    return TCN_LAYOUT.pack(period=params["period"], **table, n_past=2**n_layers - 1)
 
 
 TCN: Final = Family(

@@ -25,7 +25,7 @@ from truejoint.estimators.family import (
     optional,
 )
 from truejoint.estimators.gp.learn import GaussianProcess
-from truejoint.estimators.jaw.base import JawEstimator
+from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.estimators.jaw.signals import MOTOR, RESET
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.polynomial.learn import (
@@ -395,29 +395,10 @@ def identify_coupling(
 
     Stiffness (k, k) and half-widths (k,), in units of the positions, are given as
     `truejoint.estimators.plays.run.coupled_play` takes them. Stiffness is symmetric and positive,
-    so that a few pulls settle all joints. What is linear in what is given besides, and in the
-    plays, is solved for at every trial.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n, k)
-        Where motors want the joints, in half ranges, in the order of time.
-    fresh, has_target : ndarray of bool, shape (n,)
-        Rows in which a history starts, and those with targets.
-    explained : ndarray, shape (n_targets, m)
-        What else may explain the targets.
-    targets : ndarray, shape (n_targets, n_outputs)
-
-    Examples
-    --------
-    >>> t = np.arange(0.0, 60.0, 0.05)
-    >>> wanted = np.column_stack([np.sin(t), np.cos(0.37 * t)])
-    >>> truly = np.array([[0.0, 0.6], [0.6, 0.0]]), np.array([0.1, 0.2])
-    >>> left = np.empty_like(wanted)
-    >>> play_bank.coupled_play_rows(*truly, t == 0.0, wanted, np.zeros(2), left)
-    >>> coupling, reaches = identify_coupling(wanted, t == 0.0, t >= 0.0, wanted, left)
-    >>> bool(abs(coupling[0, 1] - 0.6) < 0.1)
-    True
+    so that a few pulls settle all joints. `positions` (n, k), in half ranges and the order of time,
+    are where motors want the joints; a history starts in rows that are `fresh` (n,); the others
+    are of rows that `has_target` (n,): what else is `explained` (n_targets, m) of the `targets`
+    (n_targets, n_outputs). What is linear in that and the plays is solved for at every trial.
     """
     k = positions.shape[1]
     pairs = np.triu_indices(k, 1)

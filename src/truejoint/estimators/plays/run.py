@@ -41,7 +41,7 @@ from truejoint.estimators.family import (
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.products import standardise, weighted
-from truejoint.estimators.stack.run import are_members, members
+from truejoint.estimators.stack.run import ONE_MEMBER, member_shapes, members
 from truejoint.features.feature_set import MAX_TIME_CONSTANT, lowpass, play
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
@@ -278,8 +278,7 @@ def check_features(params: Params, n_features: int) -> None:
 def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     """Shapes of what is learnt, the model's among them; raises CalibrationError."""
     ((data, _),) = members(params, {})
-    family, k = find_family(data.family), n_seen(params, n_features)
-    family.check_params(data.params)
+    family = find_family(data.family)
     if family.inputs is not None or family.remembers:
         raise CalibrationError(
             f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
@@ -288,7 +287,7 @@ def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     check_features(params, n_features)
     n_coupled = len(params["coupled"])
     joined = {"coupling": (n_coupled, n_coupled), "reaches": (n_coupled,)} if n_coupled else {}
-    model = {f"0/{name}": s for name, s in family.shapes(data.params, k, n_outputs).items()}
+    model = member_shapes(data, n_seen(params, n_features), n_outputs)
     return {"centre": (n_features,), "inverse_half_range": (n_features,), **joined, **model}
 
 
@@ -365,10 +364,7 @@ FAMILY: Final = Family(
             lambda value: _rows(value, MAX_TURNING, lambda n: is_number(n, -LARGEST, LARGEST)),
             f"rows of up to {MAX_TURNING} capstans: angle by each feature [rad over its unit]",
         ),
-        "members": Rule(
-            lambda value: are_members(value) and len(value) == 1 and not value[0][2],
-            "one model: family, its parameters and no outputs",
-        ),
+        "members": ONE_MEMBER,
     },
     shapes=shapes,
     pack=pack,

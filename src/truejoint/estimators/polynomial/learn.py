@@ -213,13 +213,7 @@ class Polynomial(JointRegressor):
 
 @dataclass(eq=False, repr=False)
 class Raw(Polynomial):
-    """No correction: a fixed offset of 0, of the error.
-
-    Examples
-    --------
-    >>> Raw().fit([[0.0], [1.0]], [1.0, 2.0]).predict([[5.0]])
-    array([0.])
-    """
+    """No correction: a fixed offset of 0, of the error."""
 
     degree: int = 0
 
@@ -338,27 +332,11 @@ def cross_validated(
 ) -> PenalisedFit:
     """Fit with the penalty, and the weights of terms, that err least on blocks left out in turn.
 
-    Parameters
-    ----------
-    products : ndarray, shape (n_blocks, m, m)
-        For each block of rows, the sums of products of every two of: 1, the terms, the outputs.
-    weights : sequence of ndarray, each of shape (n_terms,)
-        What is tried. A term of weight 1 is penalised as one of variance 1; a smaller weight is
-        penalised more, by its square; 0 leaves the term out.
-    progress : callable, optional
-        Called with the fraction done, 0 to 1.
-    penalties : sequence of float
-        What is tried; one alone is taken.
-    standardise : bool
-        Whether terms are scaled to variance 1 before they are weighted.
-
-    Examples
-    --------
-    >>> x = np.linspace(-1.0, 1.0, 90)
-    >>> table = np.column_stack([np.ones(90), x, x**2, 3.0 * x])
-    >>> blocks = np.array([rows.T @ rows for rows in np.split(table, 3)])
-    >>> cross_validated(blocks, [np.ones(2)]).coefficients[:, 0].round(3) + 0.0
-    array([0., 3., 0.])
+    `products` (n_blocks, m, m) are, for each block of rows, the sums of products of every two of:
+    1, the terms, the outputs. Of `weights`, each (n_terms,), and `penalties` all are tried; one
+    penalty alone is taken. A term of weight 1 is penalised as one of variance 1, to which it is
+    scaled unless `standardise` is off; a smaller weight is penalised more, by its square; 0 leaves
+    the term out.
     """
     n_outputs = products.shape[1] - 1 - len(weights[0])
     errors = np.zeros((len(weights), len(penalties), n_outputs))
@@ -439,11 +417,6 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
     three or more, none of more than a third of the values (rounded up), and the least of these gaps
     is 1.5 times the largest other one or more; of several numbers of levels, that whose gaps stand
     out most. Else each value is a level of its own.
-
-    Examples
-    --------
-    >>> [part.tolist() for part in levels(np.array([1.0, 5.1, 9.0, 1.1, 5.0, 9.2]))]
-    [[0, 3], [4, 1], [2, 5]]
     """
     order = np.argsort(values, kind="stable")
     gaps = np.diff(values[order])

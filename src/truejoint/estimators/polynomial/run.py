@@ -131,8 +131,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int)
         **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"])},
         factors=factors,
         scaled=np.append(np.zeros(n_features), 1.0),
-        terms=np.zeros(len(factors)),
-        total=np.zeros(coef.shape[1]),
     )
 
 

@@ -15,8 +15,11 @@ from truejoint.calibration import calibrate
 from truejoint.drawing import Figure, by_condition
 from truejoint.estimators.jaw.learn import JawFilter
 from truejoint.estimators.jaw.signals import RESET
-from truejoint.estimators.jaw_load.identify import find_encoder_zero, identify_stiffness
-from truejoint.estimators.jaw_load.learn import FrictionFilter
+from truejoint.estimators.jaw_load.learn import (
+    FrictionFilter,
+    find_encoder_zero,
+    identify_stiffness,
+)
 from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest

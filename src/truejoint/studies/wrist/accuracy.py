@@ -17,9 +17,10 @@ from truejoint.array_types import Array
 from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
-from truejoint.estimators.cables.learn import WRIST_PLAYS, CableStates
+from truejoint.estimators.cables.learn import WRIST_PLAYS
 from truejoint.estimators.cables.loops import LOAD as LAST
 from truejoint.estimators.cables.loops import PIN
+from truejoint.estimators.filtered import Estimate
 from truejoint.evaluation.scoring import rmse
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
@@ -43,7 +44,7 @@ ANGLE, LOAD, HONESTY, IDENTIFIED, GRIP = "angle", "load", "honesty", "identified
 _NINETY: Final = NormalDist().inv_cdf(0.95)  # deviations that hold 90 % of a normal's draws
 
 
-Physical = Mapping[str, Mapping[bool, CableStates]]
+Physical = Mapping[str, Mapping[bool, Estimate]]
 """By the recordings' sessions: what the physical filter says, and by False its model alone.
 
 The model is unloaded and has neither loads nor deviations.
@@ -120,14 +121,14 @@ def judge(
         name: motions.record(twin, motions.steps, test_s, seed + 2 + n, load=bool(n))
         for n, name in enumerate(TESTS)
     }
-    rows, runs = Rows(), dict[str, dict[bool, CableStates]]()
+    rows, runs = Rows(), dict[str, dict[bool, Estimate]]()
     if any(METHODS[key].with_filter for key in methods):
         physical = calibrate(training, "ukf_cables", joints=JOINTS)
         for run in (*training, *tests.values()):
             gap, none = physical.gap_limit, np.empty((len(run), 0))
             X, dt = physical.feature_set.compute(run, gap), time_steps(run.t, gap)
             angle, states = physical.model.unloaded(X, dt)
-            alone = CableStates(angle, none, none, none, states)
+            alone = Estimate(angle, none, none, none, states)
             runs[run.provenance.session] = {True: physical.model.states(X, dt), False: alone}
         true, keys = quantities(twin), ("value", "deviation", "unit")
         for name, values in physical.model.identified.items():
@@ -165,7 +166,7 @@ def estimates(
     It learns them from `recordings` without and under load, if it learns.
     """
 
-    def physical(recording: Recording) -> CableStates:
+    def physical(recording: Recording) -> Estimate:
         return runs[recording.provenance.session][method.with_load]
 
     estimate: dict[str, tuple[Array, Array]] = {}
@@ -239,7 +240,7 @@ def quantities(twin: WristTwin) -> dict[str, float]:
     }
 
 
-def honesty(states: CableStates, test: Recording, settled: float, **labels: Any) -> Rows:
+def honesty(states: Estimate, test: Recording, settled: float, **labels: Any) -> Rows:
     """NEES per number, and share within the stated 90 %, of angles and loads `settled` s on."""
     chosen, rows = test.t - test.t[0] > settled, Rows()
     for name, error, deviation in (

@@ -14,8 +14,8 @@ from tests.runtime.registered import ready
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import Bounded, ElasticJointFilter, Plays, Polynomial, Stack
-from truejoint.estimators.bounded.run import FAMILY
 from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.stack.run import BOUNDED as FAMILY
 
 FEATURES = ("measured/jaw", "driver/jaw", "effort/jaw")
 FILTER = Bounded(ElasticJointFilter(elements=1), (1, 2))

@@ -1,1 +1,0 @@
-"""bounded: what runs, and what learns."""
