@@ -31,12 +31,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks import head, parsed, table
+from benchmarks.timing import LoopTiming, TimedBackend
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.calibration.conformal import with_interval
-from truejoint.crtk import Arm, PacedBackend, StateBlock, TruthBlock, simulated_arm
+from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
 from truejoint.crtk.arm import BRAKING
-from truejoint.crtk.backends.paced import LoopTiming
 from truejoint.errors import CommandRefused
 from truejoint.estimators import JointRegressor, NeuralNetwork
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
@@ -232,7 +232,7 @@ def paced_part(minutes: float, name: str) -> None:
 
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    backend = PacedBackend(make_twin("raven2", "left", seed=1))
+    backend = TimedBackend(make_twin("raven2", "left", seed=1))
     with Arm(backend) as arm:
         arm.enable()
         arm.home()

@@ -27,7 +27,8 @@ from tests.chromium import Chromium
 
 import truejoint
 from benchmarks import parsed, table
-from truejoint.crtk import Arm, LoopTiming, PacedBackend
+from benchmarks.timing import TimedBackend
+from truejoint.crtk import Arm
 from truejoint.errors import TruejointError
 from truejoint.monitor import ArmPage
 from truejoint.motion import follow, random_motion
@@ -105,27 +106,19 @@ def move(arm: Arm) -> None:
             follow(arm, random_motion(arm.robot, 120.0, seed=seed))
 
 
-def evenness(backend: PacedBackend, first: int) -> LoopTiming:
-    """How even the arm's loop was since its pass number `first`."""
-    starts = backend._starts
-    passes = np.arange(max(first, backend._passes - len(starts) + 1), backend._passes)
-    return LoopTiming.of(starts[passes % len(starts)], backend.period)
-
-
 def main() -> None:
     """Watch for some minutes and print the table."""
     options = parsed(__doc__, minutes=10.0, seed=0)
     model = a_model(options.seed)
-    backend = PacedBackend(make_twin("raven2", seed=options.seed))
-    backend._starts.fill(0.0)  # memory that it will use
+    backend = TimedBackend(make_twin("raven2", seed=options.seed))
     arm = Arm(backend)
     arm.enable()
     arm.home()
     threading.Thread(target=move, args=(arm,), daemon=True).start()
     time.sleep(PIECE)
-    first = backend._passes
+    first = backend.passes
     time.sleep(3 * PIECE)
-    alone, used, seen = evenness(backend, first), [], []
+    alone, used, seen = backend.timing(first), [], []
     with (
         tempfile.TemporaryDirectory() as folder,
         ArmPage(arm, model, port=0) as page,
@@ -138,14 +131,14 @@ def main() -> None:
         browser.evaluate(NOTE)
         made, show = itertools.count(), page._page.show
         page._page.show = lambda *told: (next(made), show(*told))[1]  # type: ignore[method-assign]
-        first, began, before = backend._passes, time.monotonic(), spent(page)
+        first, began, before = backend.passes, time.monotonic(), spent(page)
         while time.monotonic() < began + 60.0 * options.minutes:
             time.sleep(PIECE)
             # As an array at once: lists of every picture would be seven megabytes an hour.
             seen.append(np.array(browser.evaluate("seen.splice(0)")).reshape(-1, 2))
             used.append((time.monotonic() - began, memory(page)))
         duration = time.monotonic() - began
-        share, watched = (spent(page) - before) / duration, evenness(backend, first)
+        share, watched = (spent(page) - before) / duration, backend.timing(first)
         clock.stop()
     arm.pause()
     arm.close()

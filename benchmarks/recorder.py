@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import head, parsed
-from truejoint.crtk import Arm, PacedBackend, StateBlock, TruthBlock
+from benchmarks.timing import TimedBackend
+from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.handle import Subscription
 from truejoint.errors import TruejointError
 from truejoint.motion import follow, random_motion
@@ -53,7 +54,7 @@ class Count:
 
 def at_real_time(minutes: float, seed: int, folder: Path) -> None:
     """Record for minutes, and print what arrived, what was kept, and how large it is."""
-    backend = PacedBackend(make_twin("raven2", "left", seed=seed))
+    backend = TimedBackend(make_twin("raven2", "left", seed=seed))
     path, count = folder / "long.parquet", Count()
     with Arm(backend) as arm:
         arm.enable()

@@ -107,7 +107,7 @@ class LocalRos:
         """The first message from now on, or the last, that is as wanted."""
         with self._told:
             found = self._told.wait_for(
-                lambda: topic in self.last and wanted(self.last[topic]), timeout=20.0
+                lambda: topic in self.last and wanted(self.last[topic]), timeout=60.0
             )
             assert found, f"no such message on {topic}; the last: {self.last.get(topic)}"
             return self.last[topic]

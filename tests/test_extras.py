@@ -77,7 +77,7 @@ def told(folder: Path) -> list[str]:
     commands = [
         ["calibrate", "run.csv", *robot, "-e", "linear", "-o", "jaw.safetensors"],
         ["evaluate", "jaw.safetensors", "run.csv", *robot],
-        ["trajectory", "zigzag", "-o", "zigzag.csv", "--plot", "zigzag.png"],
+        ["trajectory", "zigzag", "-o", "zigzag.csv", "--plot", "zigzag.html"],
         ["calibrate", "run.csv", "--robot", "arm.toml", "-o", "other.safetensors"],
         ["export", "jaw.safetensors", "--to", "onnx", "--out", "graph"],
         ["monitor", "run.csv", *robot],

@@ -103,8 +103,8 @@ def test_what_is_no_back_end_is_said_in_a_line():
 
     checked_backend(Other())
     for name, wrong, said in (
-        ("rate", "fast", "declares fast set-points a second; it must be a finite number above 0"),
-        ("grain", None, "declares a grain of None ms at 1000 Hz; it must be a period"),
+        ("rate", "fast", "declares fast set-points a second"),
+        ("grain", None, "1000.0 set-points a second and a grain of None s; want a finite rate"),
     ):
         other = Other()
         setattr(other, name, wrong)

@@ -165,14 +165,14 @@ def test_a_paced_arm_runs_at_the_rate_it_is_told():
 @pytest.mark.parametrize(
     ("rate", "grain", "match"),
     [
-        (0.0, 0.01, "0 set-points a second"),
-        (-5.0, 0.01, "-5 set-points"),
+        (0.0, 0.01, "0.0 set-points a second"),
+        (-5.0, 0.01, "-5.0 set-points"),
         (np.nan, 0.01, "nan set-points"),
         (np.inf, 0.01, "inf set-points"),
-        (1000.0, 0.05, "a grain of 50 ms at 1000 Hz"),
-        (1000.0, 1e-4, "a period, 1 ms, or more"),
-        (1000.0, np.nan, "a grain of nan ms"),
-        (20.0, 0.05, "at most 20 ms"),
+        (1000.0, 0.05, "1000.0 set-points a second and a grain of 0.05 s"),
+        (1000.0, 1e-4, "a grain of a period or more"),
+        (1000.0, np.nan, "a grain of nan s"),
+        (20.0, 0.05, "at most 0.02 s"),
     ],
 )
 def test_what_no_arm_can_be_stopped_with_is_refused(rate, grain, match):

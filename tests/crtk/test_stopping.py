@@ -17,6 +17,22 @@ from truejoint.simulation import make_twin
 FAR = np.array([0.5, 0.3, 0.05, 1.0, 0.5, 0.2, 0.2])
 
 
+def pausable_homing(backend, t):
+    """Let the homing wait at a time [s], once, until a state command waits for it."""
+    pieces, begun = backend.twin.homing, threading.Event()
+
+    def homing():
+        for piece in pieces():
+            if backend.twin.time > t and not begun.is_set():
+                begun.set()
+                while backend._entry_lock.acquire(blocking=False):
+                    backend._entry_lock.release()
+            yield piece
+
+    backend.twin.homing = homing
+    return begun
+
+
 def ready(backend):
     arm = Arm(backend)
     arm.enable()
@@ -63,13 +79,21 @@ def test_every_motion_stops_within_a_piece_and_the_braking(delay, command, motio
     assert not arm.operating_state().is_busy
 
 
-def test_a_move_returns_a_handle_that_another_thread_can_cancel(lagging_arm):
-    reached = threading.Event()
-    lagging_arm.subscribe(lambda block: reached.set() if lagging_arm.time > 5.0 else None)
+def test_a_move_returns_a_handle_that_another_thread_can_cancel(lagging_arm, monkeypatch):
+    reached, asked = threading.Event(), threading.Event()
+
+    def stay(_):
+        if lagging_arm.time > 5.0:  # until it is asked to stop: its clock does not wait
+            reached.set()
+            asked.wait(60.0)
+
+    lagging_arm.subscribe(stay)
     motion = lagging_arm.move_jp(lagging_arm.robot.home + FAR)
     assert isinstance(motion, Motion)
     assert motion.command == "move_jp"
-    reached.wait(60.0)
+    assert reached.wait(60.0)
+    over = motion.over.wait
+    monkeypatch.setattr(motion.over, "wait", lambda timeout=None: asked.set() or over(timeout))
     motion.cancel()
     assert not motion.is_busy()
     with pytest.raises(MotionStopped, match="held"):
@@ -129,10 +153,10 @@ def test_an_interrupt_while_waiting_pauses_the_arm(lagging_arm, monkeypatch):
 
 
 def test_homing_can_be_paused_and_is_then_to_be_done_again():
-    twin = make_twin("raven2", seed=1)
-    arm = Arm(SimulatedBackend(twin))
+    backend = SimulatedBackend(make_twin("raven2", seed=1))
+    arm, ended = Arm(backend), []
+    begun = pausable_homing(backend, 0.5)
     arm.enable()
-    ended = []
 
     def home():
         with pytest.raises(MotionStopped, match=r"'home' stopped at t = .*: PAUSED; .*not homed"):
@@ -141,13 +165,12 @@ def test_homing_can_be_paused_and_is_then_to_be_done_again():
 
     thread = threading.Thread(target=home)
     thread.start()
-    while arm.time < 0.5:
-        pass
+    assert begun.wait(60.0)
+    asked = arm.time  # which waits for nobody
     arm.pause()
-    asked = arm.time
     thread.join(60.0)
     assert ended
-    assert arm.time - asked <= 0.01 + 1e-9
+    assert arm.time - asked <= 0.02 + 1e-9
     state = arm.operating_state()
     assert (state.state, state.is_homed, state.is_busy) == ("PAUSED", False, False)
     arm.resume()

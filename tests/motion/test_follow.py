@@ -326,5 +326,5 @@ def test_a_pause_counts_for_nothing_in_the_tracking_error(lagging_arm, monkeypat
     clock = SimpleNamespace(sleep=resume, monotonic=time.monotonic)
     monkeypatch.setattr(sys.modules[follow.__module__], "time", clock)
     lagging_arm.subscribe(stop)
-    follow(lagging_arm, STROKE, resume_within=1.0)
+    follow(lagging_arm, STROKE, resume_within=60.0)
     assert counted == [True]

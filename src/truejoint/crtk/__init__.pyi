@@ -1,5 +1,4 @@
 from .arm import Arm as Arm
-from .backends.paced import LoopTiming as LoopTiming
 from .backends.paced import PacedBackend as PacedBackend
 from .backends.ros import RosBackend as RosBackend
 from .backends.simulated import SimulatedBackend as SimulatedBackend

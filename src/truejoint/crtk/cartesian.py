@@ -43,10 +43,7 @@ def jacobian(kinematics: Kinematics, joint: ArrayLike, frame: Frame = "tool") ->
 
 
 def joints_at(kinematics: Kinematics, target: ArrayLike, seed: Array) -> Array:
-    """Joint positions (n_joints,) [rad or m] near `seed` that reach a tool pose (4, 4) [m].
-
-    Raises RobotError if it is not rigid or out of reach.
-    """
+    """Joint positions near `seed` (n_joints,) at a tool pose (4, 4); RobotError out of reach."""
     base_from_crtk = np.linalg.inv(kinematics.crtk_from_base)
     return kinematics.inverse(base_from_crtk @ rigid(target), seed)
 
@@ -60,10 +57,9 @@ def moved(start: Array, increment: ArrayLike) -> Array:
 
 
 def straight_line(kinematics: Kinematics, start: Array, goal: ArrayLike) -> Array:
-    """Joint positions (n, n_joints) along a straight line of the tool, from after `start` on.
+    """Joint positions (n, n_joints) on a straight line of the tool from `start` to a pose `goal`.
 
-    `start` (n_joints,) is where the arm is [rad or m], `goal` (4, 4) the tool's pose at the end
-    [m]; it turns at an even rate meanwhile. Raises RobotError if some of it is out of reach.
+    It turns at an even rate meanwhile. Raises RobotError if some of the way is out of reach.
     """
     first, last = pose(kinematics, start), rigid(goal)
     way = last[:3, 3] - first[:3, 3]

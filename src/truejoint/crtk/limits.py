@@ -38,23 +38,17 @@ def checked_backend(backend: Backend) -> tuple[float, float]:
     ]:
         advice = f"it lacks {', '.join(missing)}: see truejoint.crtk.Backend"
         raise RobotError(other_kind(backend, "Backend", advice))
-    title, rate, grain = backend.robot.title, backend.rate, backend.grain
-    if not (isinstance(rate, Real) and 0.0 < rate < math.inf):
+    rate, grain = backend.rate, backend.grain
+    if not (
+        isinstance(rate, Real) and isinstance(grain, Real)
+        and 0.0 < rate < math.inf and (1.0 - 1e-9) / rate <= grain <= _MOST_GRAIN
+    ):  # fmt: skip
         raise RobotError(
-            f"{title}: its back end declares {_shown(rate)} set-points a second; it must be a "
-            "finite number above 0"
-        )
-    if not (isinstance(grain, Real) and (1.0 - 1e-9) / rate <= grain <= _MOST_GRAIN):
-        raise RobotError(
-            f"{title}: its back end declares a grain of {_shown(grain, 1e3)} ms at {rate:g} Hz; it "
-            f"must be a period, {1e3 / rate:.3g} ms, or more, and at most {1e3 * _MOST_GRAIN:g} "
-            "ms, within which an arm is to be stopped"
+            f"{backend.robot.title}: its back end declares {rate!s:.40} set-points a second and a "
+            f"grain of {grain!s:.40} s; want a finite rate above 0 Hz, and a grain of a period or "
+            f"more and at most {_MOST_GRAIN:g} s, within which an arm is to be stopped"
         )
     return float(rate), float(grain)
-
-
-def _shown(value: object, scale: float = 1.0) -> str:
-    return f"{scale * float(value):g}" if isinstance(value, Real) else f"{value!s:.40}"
 
 
 def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: str) -> None:

@@ -98,14 +98,7 @@ Source: collaborative-robotics/crtk_msgs:srv, since 1.1.0 (2023-11).
 
 
 def ros2_definition(name: str) -> str:
-    """Definition of one of `DEFINITIONS` as ROS 2 writes it.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import ros2_definition
-    >>> ros2_definition("crtk_msgs/StringStamped").splitlines()[0]
-    'std_msgs/Header header'
-    """
+    """Definition of one of `DEFINITIONS` as ROS 2 writes it."""
     text = re.sub("^Header ", "std_msgs/Header ", DEFINITIONS[name], flags=re.MULTILINE)
     return re.sub("^duration ", "builtin_interfaces/Duration ", text, flags=re.MULTILINE)
 
@@ -142,14 +135,7 @@ RUN_LEVELS: Final[Mapping[str, int]] = {"stopped": 0, "homing": 1, "pedal up": 2
 
 @dataclass(frozen=True)
 class Profile:
-    """How a robot's topics and messages differ from what CRTK says of them.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import PROFILES
-    >>> PROFILES["raven2"].arm_of("/arm1/measured_js"), PROFILES["raven2"].arm_of("/arm1/servo_jp")
-    ('right', 'left')
-    """
+    """How a robot's topics and messages differ from what CRTK says of them."""
 
     name: str
     summary: str
@@ -289,27 +275,14 @@ def profile_of(robot: Robot, name: str = "") -> Profile:
 def crtk_name(topic: str) -> str:
     """CRTK's name of what a topic tells, its last part, whether it was thinned out or not.
 
-    `topic_tools throttle` is told a name; RAVEN's recorder says ``measured_js_100hz``
+    RAVEN's recorder, which thins out with `topic_tools throttle`, says ``measured_js_100hz``
     (raven2_CRTK_Python_controller:bag_reader/r2_enc_CRTK_recorder.launch).
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import crtk_name
-    >>> crtk_name("/arm2/measured_js_100hz")
-    'measured_js'
     """
     return re.sub(r"_\d+hz$", "", topic.rpartition("/")[2])
 
 
 def message_type(name: str) -> str:
-    """Name of a message type as ROS 1 writes it: ``a/msg/B`` of ROS 2 is ``a/B``.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import message_type
-    >>> message_type("sensor_msgs/msg/JointState")
-    'sensor_msgs/JointState'
-    """
+    """Name of a message type as ROS 1 writes it: ``a/msg/B`` of ROS 2 is ``a/B``."""
     return name.replace("/msg/", "/")
 
 
@@ -318,12 +291,6 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
 
     Without names, as joint sensors publish, they are all of the robot's, or its positioning ones,
     by their number. Raises RobotError for names or numbers that no joint has.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import PROFILES, joint_order
-    >>> joint_order(get_robot("raven2"), ["gold_ins"], 1, PROFILES["raven2"])
-    ['insertion']
     """
     if not names:
         for joints in (robot.joint_names, robot.positioning):
@@ -346,26 +313,13 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
 def joint_state_columns(
     robot: Robot, quantity: str, names: Sequence[str], fields: Mapping[str, Array], profile: Profile
 ) -> dict[str, Array]:
-    """Columns of a recording that joint states with the same names hold.
+    """Columns of a recording (n,) [SI] that n joint states with the same `names` hold.
 
-    `quantity` is that of the topic, ``"measured"``, ``"setpoint"`` or ``"truth"``, and `names` the
-    field ``name``, empty where the robot gives none. `fields` has ``position``, ``velocity`` and
-    ``effort`` of n messages of k joints [SI], (n, k) or (n, 0).
-
-    Gives ``measured/<joint>`` (n,) [rad or m], ``velocity/<joint>`` and ``effort/<joint>``, which
-    is at the motor where the robot states it there (`Robot.effort`) and all joints are in the
-    message; or ``setpoint/<joint>``, or ``truth/<joint>``. Velocity and effort are kept of measured
-    joints alone.
-
-    Raises RobotError as `joint_order`, or if position, velocity and effort are not of the same
-    number of joints.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import PROFILES, joint_state_columns
-    >>> fields = {"position": np.array([[0.5]])}
-    >>> joint_state_columns(get_robot("raven2"), "truth", ["elbow"], fields, PROFILES["crtk"])
-    {'truth/elbow': array([0.5])}
+    `fields` has ``position``, ``velocity`` and ``effort``, (n, k) or (n, 0). Gives
+    ``<quantity>/<joint>`` for a `quantity` of ``"measured"``, ``"setpoint"`` or ``"truth"``; beside
+    measured joints ``velocity/<joint>`` and ``effort/<joint>``, at the motor where the robot states
+    it there (`Robot.effort`) and all joints are in the message. Raises RobotError as `joint_order`,
+    or if the fields are not of the same number of joints.
     """
     position = fields["position"]
     joints = joint_order(robot, names, position.shape[1], profile)
@@ -406,14 +360,6 @@ def joint_state_fields(
     Gives names (k,) as they are in the messages of `topic`, and ``position``, ``velocity`` and
     ``effort``, (n, k) or (n, 0) where not all the joints have a column of it. A robot that states
     no effort has zeros.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import PROFILES, joint_state_fields
-    >>> columns = {"measured/jaw": np.array([0.5])}
-    >>> robot = get_robot("davinci_grasper")
-    >>> joint_state_fields(robot, "measured", "/measured_js", columns, PROFILES["crtk"])[0]
-    ('jaw',)
     """
     joints = [joint for joint in robot.joint_names if f"{quantity}/{joint}" in columns]
     rows = len(next(iter(columns.values())))
@@ -441,18 +387,10 @@ def joint_state_fields(
 def raven_state_columns(
     robot: Robot, fields: Mapping[str, Array], quantities: Collection[str]
 ) -> dict[str, Array]:
-    """Columns of a recording of one arm that messages ``raven_state`` hold.
+    """Columns ``<quantity>/<channel>`` (n,) [SI] of one RAVEN-II arm in messages ``raven_state``.
 
-    The robot is a RAVEN-II, either arm. `fields` (n, 16) are as in the messages, of any variant;
-    those of `RAVEN_FIELDS` that the `quantities` ask for. Gives ``<quantity>/<channel>`` (n,) [SI],
-    the channels of `Robot.channels`.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import raven_state_columns
-    >>> state = {"jpos": np.zeros((1, 16))}
-    >>> raven_state_columns(get_robot("raven2"), state, ["measured"])["measured/elbow"]
-    array([0.])
+    `fields` (n, 16) are as in the messages, of any variant; of them those of `RAVEN_FIELDS` that
+    the `quantities` ask for.
     """
     first = ARMS.index(robot.arm) * len(robot.channels)
     return {
@@ -466,15 +404,8 @@ def raven_state_columns(
 def raven_state_fields(robot: Robot, columns: Mapping[str, Array]) -> dict[str, Array]:
     """Fields of ``raven_state`` that hold an arm's columns: the inverse of `raven_state_columns`.
 
-    Fields of which there is no column are zero, and so is the other arm. Gives each array field of
-    `RAVEN_FIELDS`, (n, 16), in the message's own type: add those of both arms.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.messages import raven_state_fields
-    >>> columns = {"measured/insertion": np.array([0.4])}
-    >>> raven_state_fields(get_robot("raven2"), columns)["jpos"][0, 2]
-    np.float32(22.91831)
+    Gives each array field of `RAVEN_FIELDS`, (n, 16), in the message's own type; what there is no
+    column of is zero, as is the other arm: add those of both.
     """
     rows = len(next(iter(columns.values())))
     first = ARMS.index(robot.arm) * len(robot.channels)

@@ -53,10 +53,15 @@ _JACOBIANS: Final[Mapping[str, cartesian.Frame]] = {
 }  # fmt: skip
 _UNKNOWN: Final = ("body/measured_cf", "spatial/measured_cf")  # no twin knows the tool's forces
 _LOCAL: Final = "local/"  # the arm's own frame, which is that of all its topics
+_OF_DVRK: Final = {
+    **dict.fromkeys((_LOCAL + "measured_cp", _LOCAL + "setpoint_cp"), _POSE),
+    **dict.fromkeys(_JACOBIANS, _ARRAY), **dict.fromkeys(_UNKNOWN, _WRENCH), _RATIO: _NUMBER,
+}  # fmt: skip
 _QUERIES: Final = {
     "forward_kinematics": FORWARD, "local/forward_kinematics": FORWARD,
     "inverse_kinematics": INVERSE,
 }  # fmt: skip
+_SAID_APART: Final = ("truth", "operating_state", _RATIO)  # not with each state message
 _LATE: Final = 0.5  # [s] by which the stamp of a set-point may be off the clock
 _LOG: Final = 1.0  # [s] between two equal lines of the log
 _STATE: Final = 0.1  # [s] between two operating states that are the same
@@ -70,15 +75,10 @@ _log = logging.getLogger(__name__)
 class ArmServer:
     """Publishes what an arm reports, and carries out what is asked of it, from entering to leaving.
 
-    Written are ``measured_js``, ``setpoint_js``, ``measured_cp``, ``operating_state``, of RAVEN-II
-    also ``/ravenstate``, of an arm with joint sensors ``/ext_jpos``. With kinematics there are also
-    ``setpoint_cp``, ``measured_cv`` and ``jacobian``, and the services ``forward_kinematics`` and
-    ``inverse_kinematics``. Read are ``state_command``, ``hold``, ``servo_jp``, ``servo_jr``,
-    ``servo_jv``, ``servo_cp``, ``servo_cr``, ``servo_cv``, ``interpolate_jp``, ``interpolate_cp``,
-    ``move_jp``, ``move_jr`` and ``move_cp``; the newest of them pre-empts the others. The log says
-    what is refused; that changes nothing. An arm that stands paused goes on to report. But for a
-    profile that swaps arms, there is also what dvrk_python asks of an arm, in ``local/``,
-    ``body/`` and ``spatial/``, and of its grasper, in ``jaw/``.
+    Of RAVEN-II there is also ``/ravenstate``, of an arm with joint sensors ``/ext_jpos``, and but
+    for a profile that swaps arms what dvrk_python asks of an arm, in ``local/``, ``body/`` and
+    ``spatial/``, and of its grasper, in ``jaw/``. Of `_COMMANDS` the newest pre-empts the others.
+    The log says what is refused; that changes nothing. An arm that stands paused goes on to report.
 
     The arm runs in real time. `profile` names how its messages differ from CRTK
     (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
@@ -116,17 +116,12 @@ class ArmServer:
         self._pose_kind = _TRANSFORM if self._profile.swapped else _POSE
         spaces = [space for space, of in self._profile.arms.items() if of == arm.robot.arm]
         self._grasper = "".join(self._profile.grasper.get(space, "") for space in spaces)
-        self._kinds = {
-            "measured_js": JOINT_STATE, "setpoint_js": JOINT_STATE,
-            "operating_state": self._profile.operating_state, "truth": JOINT_STATE,
-        }  # fmt: skip
+        # Set-points first, so that whoever joins the two has both.
+        self._kinds = dict.fromkeys(("setpoint_js", "measured_js", "truth"), JOINT_STATE)
+        self._kinds["operating_state"] = self._profile.operating_state
         if arm.robot.kinematics is not None:
-            poses = dict.fromkeys(("measured_cp", "setpoint_cp"), self._pose_kind)
-            self._kinds |= poses | {"measured_cv": _TWIST}
-            if not self._profile.swapped:
-                self._kinds |= {_LOCAL + name: kind for name, kind in poses.items()}
-                self._kinds |= dict.fromkeys(_JACOBIANS, _ARRAY) | dict.fromkeys(_UNKNOWN, _WRENCH)
-                self._kinds[_RATIO] = _NUMBER
+            self._kinds |= dict.fromkeys(("measured_cp", "setpoint_cp"), self._pose_kind)
+            self._kinds |= {"measured_cv": _TWIST, **({} if self._profile.swapped else _OF_DVRK)}
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
         self._jaws = arm.robot.grasper
@@ -264,8 +259,7 @@ class ArmServer:
             target = cartesian.joints_at(kinematics, pose, goal)
         elif name == "servo_cv":
             rows = cartesian.jacobian(robot.known_kinematics(name), goal)
-            parts = message.twist.linear, message.twist.angular
-            twist = np.array([getattr(part, axis) for part in parts for axis in "xyz"])
+            twist = np.array([getattr(part, axis) for part in _parts(message) for axis in "xyz"])
             if not np.isfinite(twist).all():
                 raise CommandRefused(f"{name} refused: twist {twist.tolist()}; send finite values")
             velocity = np.linalg.lstsq(rows, twist, rcond=None)[0]
@@ -358,7 +352,7 @@ class ArmServer:
             columns = {f"truth/{n}": block.position[:, k] for k, n in enumerate(block.name)}
             for row, t in enumerate(block.t):
                 single = {name: values[row : row + 1] for name, values in columns.items()}
-                self._publish_joints("truth", float(t), "truth", single)
+                self._publish("truth", float(t), **self._joint_state("truth", "truth", single))
             return
         for row in range(len(block.t)):
             self._rows += 1
@@ -380,54 +374,45 @@ class ArmServer:
     def _publish_state(self, block: StateBlock, t: float) -> None:
         self._publish_operating_state(t)
         robot, columns = self._arm.robot, block.columns()
-        if self._is_read("setpoint_js"):  # first, so that whoever joins the two has both
-            setpoint = block.setpoint[0, robot.joint_channels]
-            if self._profile.no_setpoint:  # it has the last increment, which is nearly nothing
-                setpoint = np.zeros_like(setpoint)
-            self._publish(
-                "setpoint_js", t, name=list(robot.joint_names), position=setpoint.tolist()
-            )
-        if self._is_read("measured_js"):
-            self._publish_joints("measured_js", t, "measured", columns)
-        for quantity in ("measured", "setpoint"):
-            if self._is_read(topic := f"{_JAW}{quantity}_js"):
-                jaws = [float(columns[f"{quantity}/{jaw}"][0]) for jaw in self._jaws]
-                if self._grasper:
-                    self._publish(topic, t, position=[sum(jaws), *jaws])
-                else:
-                    self._publish(topic, t, name=["jaw"], position=[sum(jaws)])
-        self._publish_cartesian(block, t)
-        if self._is_read("ravenstate"):
-            levels = "stopped", "pedal up", "pedal down"
-            state = self._arm.operating_state()
-            level = levels[0 if state.state in ("DISABLED", "FAULT") else 1 + state.is_ready]
-            fields = messages.raven_state_fields(robot, columns)
-            values = {name: array[0] for name, array in fields.items()}
-            self._publish("ravenstate", t, runlevel=messages.RUN_LEVELS[level], **values)
+        for name, made in self._publishers.items():
+            if name in _SAID_APART or not made.readers > 0:
+                continue
+            if name.endswith("_js"):
+                self._publish(name, t, **self._joint_values(name, columns))
+            elif name.endswith(("_cp", "_cv")):
+                fields = topic_columns(robot, name.removeprefix(_LOCAL), block)
+                values = [values[0] for values in fields.values()]
+                message = self._transport.stamped(self._kinds[name], self._stamp(t))
+                for part, numbers in zip(_parts(message), (values[:3], values[3:]), strict=True):
+                    _fill(part, numbers)
+                made.publish(message)
+            elif name in _JACOBIANS:
+                joint = block.measured[0, robot.joint_channels]
+                rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
+                made.publish(self._array(rows))
+            elif name in _UNKNOWN:
+                made.publish(self._transport.message(_WRENCH))  # stamp 0: not valid
+            elif name == "ravenstate":
+                state = self._arm.operating_state()
+                level = "pedal down" if state.is_ready else "pedal up"
+                level = "stopped" if state.state in ("DISABLED", "FAULT") else level
+                arrays = messages.raven_state_fields(robot, columns)
+                whole = {field: array[0] for field, array in arrays.items()}
+                self._publish(name, t, runlevel=messages.RUN_LEVELS[level], **whole)
 
-    def _publish_cartesian(self, block: StateBlock, t: float) -> None:
-        """Publish poses, twist and Jacobians of the tool, where somebody reads them."""
-        robot = self._arm.robot
-        for name in ("measured_cp", "setpoint_cp", _LOCAL + "measured_cp", _LOCAL + "setpoint_cp"):
-            if self._is_read(name):
-                pose = topic_columns(robot, name.removeprefix(_LOCAL), block)
-                message = self._transport.stamped(self._pose_kind, self._stamp(t))
-                place, turn = _parts(message)
-                _fill(place, (pose[axis][0] for axis in "xyz"))
-                _fill(turn, (pose[f"q{axis}"][0] for axis in "xyzw"))
-                self._publishers[name].publish(message)
-        if self._is_read("measured_cv"):
-            twist = topic_columns(robot, "measured_cv", block)
-            message = self._transport.stamped(_TWIST, self._stamp(t))
-            for vector, letter in ((message.twist.linear, "v"), (message.twist.angular, "w")):
-                _fill(vector, (twist[letter + axis][0] for axis in "xyz"))
-            self._publishers["measured_cv"].publish(message)
-        for name in filter(self._is_read, _JACOBIANS):
-            joint = block.measured[0, robot.joint_channels]
-            rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
-            self._publishers[name].publish(self._array(rows))
-        for name in filter(self._is_read, _UNKNOWN):
-            self._publishers[name].publish(self._transport.message(_WRENCH))  # stamp 0: not valid
+    def _joint_values(self, name: str, columns: Mapping[str, Array]) -> dict[str, Any]:
+        """Fields of the joint state on a topic, from the columns (1,) of a state message."""
+        names, quantity = self._arm.robot.joint_names, name.removeprefix(_JAW).partition("_")[0]
+        if name.startswith(_JAW):
+            jaws = [float(columns[f"{quantity}/{jaw}"][0]) for jaw in self._jaws]
+            opening = {"name": ["jaw"], "position": [sum(jaws)]}
+            return {"position": [sum(jaws), *jaws]} if self._grasper else opening
+        if quantity == "measured":
+            return self._joint_state(name, quantity, columns)
+        position = [float(columns[f"setpoint/{joint}"][0]) for joint in names]
+        if self._profile.no_setpoint:  # it has the last increment, which is nearly nothing
+            position = [0.0] * len(names)
+        return {"name": [*names], "position": position}
 
     def _array(self, rows: Array) -> Any:
         """Message of a matrix (m, n), row by row."""
@@ -440,14 +425,12 @@ class ArmServer:
         message.data = rows.ravel().tolist()
         return message
 
-    def _publish_joints(
-        self, crtk: str, t: float, quantity: str, columns: Mapping[str, Array]
-    ) -> None:
-        topic = self._publishers[crtk].topic
-        robot, profile = self._arm.robot, self._profile
-        names, fields = messages.joint_state_fields(robot, quantity, topic, columns, profile)
-        values = {name: array[0].tolist() for name, array in fields.items()}
-        self._publish(crtk, t, name=list(names), **values)
+    def _joint_state(
+        self, crtk: str, quantity: str, columns: Mapping[str, Array]
+    ) -> dict[str, Any]:
+        topic, robot = self._publishers[crtk].topic, self._arm.robot
+        names, fields = messages.joint_state_fields(robot, quantity, topic, columns, self._profile)
+        return {"name": [*names], **{name: array[0].tolist() for name, array in fields.items()}}
 
     def _publish_operating_state(self, t: float) -> None:
         """State, busy with a move or a homing, not with a stream of set-points."""
@@ -458,12 +441,8 @@ class ArmServer:
         last, said = self._state_said
         if self._profile.repeats_state or values != said or not 0.0 <= t - last < _STATE:
             self._state_said = t, values
-            state, is_homed, is_busy = values
-            self._publish("operating_state", t, state=state, is_homed=is_homed, is_busy=is_busy)
-
-    def _is_read(self, name: str) -> bool:
-        made = self._publishers.get(name)
-        return made is not None and made.readers > 0
+            fields = dict(zip(("state", "is_homed", "is_busy"), values, strict=True))
+            self._publish("operating_state", t, **fields)
 
     def _publish(self, crtk: str, t: float, **values: Any) -> None:
         message = self._transport.stamped(self._kinds[crtk], self._stamp(t))
@@ -480,10 +459,7 @@ class ArmServer:
 
 
 def matrix_of(message: Any) -> Array:
-    """Pose (4, 4) [m] that a PoseStamped or TransformStamped says.
-
-    Raises CommandRefused where its quaternion is no turn.
-    """
+    """Pose (4, 4) [m] of a message; raises CommandRefused if its quaternion is no turn."""
     return _pose_of(*_parts(message))
 
 
@@ -498,9 +474,11 @@ def _pose_of(place: Any, turn: Any) -> Array:
 
 
 def _parts(message: Any) -> tuple[Any, Any]:
-    """Place and orientation of a PoseStamped or TransformStamped."""
+    """Two vectors of a PoseStamped, TransformStamped or TwistStamped: what moves, what turns."""
     if hasattr(message, "pose"):
         return message.pose.position, message.pose.orientation
+    if hasattr(message, "twist"):
+        return message.twist.linear, message.twist.angular
     return message.transform.translation, message.transform.rotation
 
 

@@ -19,6 +19,7 @@ from truejoint.robots.blocks import check_range
 
 LAPSE: Final = 0.02
 """Time without a new set-point after which an arm that has reached the last one stands [s]."""
+_ENDING: Final = 0.5  # [s] that a motion may take to end on a busy machine: no set-point is lost
 _PIECE: Final = 2e-3  # [s] of set-points that are sent at once: the newest one has to wait for them
 
 
@@ -42,13 +43,8 @@ class SetpointFollower:
 
     A set-point that is further away than one period allows is approached at top speed, along a
     straight line of the joints. A newer one takes its place at once: none is queued. The motion
-    ends once the newest is reached and no other comes within `LAPSE`.
-
-    Parameters
-    ----------
-    arm : Arm
-    say : callable
-        Is given a line where the arm cannot keep up.
+    ends once the newest is reached and no other comes within `LAPSE`. `say` is called with a line
+    where the arm cannot keep up.
     """
 
     def __init__(self, arm: Arm, say: Callable[[str], None]) -> None:
@@ -80,7 +76,7 @@ class SetpointFollower:
                 self._asked.notify()
                 return
         if stream is not None and stream.motion is not None:
-            stream.motion.over.wait(LAPSE)  # it has reached its last one, and ends
+            stream.motion.over.wait(_ENDING)  # it has reached its last one, and ends
         start = self._arm.latest_setpoint(command)
         self._stream = stream = _Stream(target)
         try:

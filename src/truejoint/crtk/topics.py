@@ -53,13 +53,6 @@ def topic_columns(robot: Robot, topic: str, block: StateBlock) -> dict[str, Arra
     and, where the robot states it, ``effort/<joint>`` on the joint itself [Nm or N]; poses have
     x, y, z [m] and a unit quaternion; twists velocity [m/s] and angular velocity [rad/s], all in
     the frame of the CRTK topics.
-
-    Examples
-    --------
-    >>> from truejoint.crtk.topics import topic_columns
-    >>> block = truejoint.simulation.make_twin(seed=1).home().rows(slice(-2, None))
-    >>> list(topic_columns(arm.robot, "measured_cp", block))
-    ['x', 'y', 'z', 'qx', 'qy', 'qz', 'qw']
     """
     joints = robot.joint_channels
     quantity, _, kind = topic.partition("_")

@@ -58,11 +58,6 @@ class Access:
     must know the `token` in its address. Either way a browser must ask for the page by an address
     or the name of this computer, or by the name that the user gave: a name that somebody else has
     pointed at this computer is none of them.
-
-    Examples
-    --------
-    >>> Access("127.0.0.1").refusal("/", {"Host": "rebound.example:8080"}, "127.0.0.1")
-    "asked for by the name 'rebound.example', which is not that of this page"
     """
 
     host: str

@@ -60,12 +60,6 @@ class ArmDrawing:
 
     Its `size` is the largest distance between two of its axes' origins at home [m]. Raises
     RobotError if nothing says where its links are.
-
-    Examples
-    --------
-    >>> robot = truejoint.get_robot("raven2")
-    >>> ArmDrawing(robot).at([robot.home]).balls.shape
-    (1, 7, 3)
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -120,13 +114,7 @@ class ArmDrawing:
 
 
 def can_draw(robot: Robot) -> bool:
-    """Whether the robot's kinematics say where its links are.
-
-    Examples
-    --------
-    >>> can_draw(truejoint.get_robot("raven2")), can_draw(truejoint.get_robot("forceps"))
-    (True, False)
-    """
+    """Whether the robot's kinematics say where its links are."""
     return isinstance(robot.kinematics, SerialChain)
 
 

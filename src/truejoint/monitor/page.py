@@ -44,9 +44,10 @@ _BAND: Final = {"series": (1, 2), "fill": panels.COLOURS["band"]}
 class Page:
     """Shows samples of one arm, of `joints`, in the browser.
 
-    `controls` is called once with viser's interface for widgets, to add its own. It listens at
-    `host` and `port`, 0 for any that is free. Raises TruejointError if viser is not installed or
-    nothing can listen there.
+    `controls` is called once with viser's interface for widgets, to add its own, `more` with what
+    the plots show and the joint chosen, for plots above them. It listens at `host` and `port`, 0
+    for any that is free. Raises TruejointError if viser is not installed or nothing can listen
+    there.
     """
 
     def __init__(
@@ -54,11 +55,12 @@ class Page:
         robot: Robot,
         joints: Sequence[str],
         controls: Callable[[Any], None],
+        more: Callable[[Samples, str], list[Panel]] = lambda _shown, _joint: [],
         *,
         host: str,
         port: int,
     ) -> None:
-        self._robot, self._joints = robot, tuple(joints)
+        self._robot, self._joints, self._more = robot, tuple(joints), more
         whole = can_draw(robot) and self._joints == robot.joint_names
         self._drawing = ArmDrawing(robot) if whole else None
         self._lock = threading.RLock()  # of all below
@@ -216,7 +218,8 @@ class Page:
                 return
             span = float(self._span.value.removesuffix(" s"))
             shown = self._window.window(self._window.t[-1], span).thinned()
-            plots = self._panels(shown, self._joint.value)
+            joint = self._joint.value
+            plots = [*self._more(shown, joint), *panels.plots(shown, self._robot, joint).values()]
             shapes = [(plot.y, *(curve.label for curve in plot.curves)) for plot in plots]
             if shapes != list(self._plots):
                 for handle in self._plots.values():
@@ -228,10 +231,6 @@ class Page:
                     }
             for handle, plot in zip(self._plots.values(), plots, strict=True):
                 handle.data = _data(plot)
-
-    def _panels(self, samples: Samples, joint: str) -> list[Panel]:
-        """Give the plots of a joint over time, from above."""
-        return list(panels.plots(samples, self._robot, joint).values())
 
     def _add_plot(self, plot: Panel, order: float) -> Any:
         has_band = len(plot.curves) > 2 and not plot.curves[1].label
@@ -263,23 +262,20 @@ class _Body:
     def __init__(self, scene: Any, name: str, drawing: Drawing) -> None:
         self._colour = _rgb(panels.COLOURS[name])
         self._thickness = _THICKNESS[name]
-        common = {
-            "opacity": _OPACITY[name], "batched_colors": self._colour, "lod": "off",
-            "cast_shadow": False, "receive_shadow": False,
-        }  # fmt: skip
         mesh = require("trimesh", "monitor", "the monitor").creation
-        tube, ball = mesh.cylinder(1.0, 1.0, _SIDES), mesh.icosphere(1)
-        positions, wxyz, scales = (part[0] for part in drawing.cylinders())
-        self._tubes = scene.add_batched_meshes_simple(
-            f"/{name}/links", tube.vertices, tube.faces, wxyz, positions, batched_scales=scales,
-            **common,
-        )  # fmt: skip
-        n = len(drawing.ball_radii)
-        self._balls = scene.add_batched_meshes_simple(
-            f"/{name}/joints", ball.vertices, ball.faces, np.tile([1.0, 0, 0, 0], (n, 1)),
-            drawing.balls[0], batched_scales=drawing.ball_radii * self._thickness, **common,
-        )  # fmt: skip
-        self.tool = drawing.balls[0, -1]
+
+        def add(part: str, shape: Any, scales: Array) -> Any:  # where they are `place` says
+            return scene.add_batched_meshes_simple(
+                f"/{name}/{part}", shape.vertices, shape.faces,
+                np.tile([1.0, 0, 0, 0], (len(scales), 1)), np.zeros((len(scales), 3)),
+                batched_scales=scales, batched_colors=self._colour, opacity=_OPACITY[name],
+                lod="off", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+
+        tube = mesh.cylinder(1.0, 1.0, _SIDES)
+        self._tubes = add("links", tube, np.ones((len(drawing.radii), 3)))
+        self._balls = add("joints", mesh.icosphere(1), drawing.ball_radii * self._thickness)
+        self.tool = np.zeros(3)
 
     def place(self, positions: Array, wxyz: Array, scales: Array, balls: Array) -> None:
         """Move it to where `Drawing.cylinders` and `Drawing.balls` are."""
@@ -339,8 +335,6 @@ def _listening(host: str, port: int) -> tuple[Any, str, bool]:
     return server, allowed.url(server.get_port()), bool(allowed.token)
 
 
-@contextlib.contextmanager
-def _silent() -> Any:
+def _silent() -> contextlib.AbstractContextManager[Any]:
     """Keep what viser prints when it starts and stops from the person's terminal."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        yield
+    return contextlib.redirect_stdout(io.StringIO())

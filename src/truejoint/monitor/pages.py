@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final, Self
 
 import numpy as np
@@ -25,7 +25,6 @@ from truejoint.monitor.panels import COLOURS, EVERY, overview
 from truejoint.monitor.process import PageProcess
 from truejoint.monitor.samples import MOST_ROWS, Condition, LiveSamples, Samples
 from truejoint.recordings.table.recording import Recording, as_recording
-from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
 # A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s].
@@ -36,9 +35,10 @@ _log = logging.getLogger(__name__)
 
 
 class _Pictures:
-    """Makes pictures in a thread, from `_start` until its `with` block is left."""
+    """Makes pictures by `_frame` in a thread, from `_start` until its `with` block is left."""
 
     _page: Any
+    _frame: Callable[[], None]
 
     def __enter__(self) -> Self:
         return self
@@ -51,10 +51,6 @@ class _Pictures:
         self._closed.set()
         self._thread.join(2.0)
         self._page.close()
-
-    def _frame(self) -> None:
-        """Make one picture."""
-        raise NotImplementedError
 
     def _failed(self, error: Exception) -> None:
         """Say that there will be no more."""
@@ -249,9 +245,11 @@ class RecordingPage(_Pictures):
         self._t = min(self._begin + WINDOW, self._end)  # so that there is something to see
         self._drawn = math.nan
         self._last = time.monotonic()
-        self._page: Page = _RecordingView(
-            recording.robot, self._samples, self._add_controls, host=host, port=port
-        )
+        self._overview = cache(partial(overview, self._samples, recording.robot))
+        self._page: Page = Page(
+            recording.robot, self._samples.joints, self._add_controls, self._whole, host=host,
+            port=port,
+        )  # fmt: skip
         self._start()
 
     def _scrub(self, event: Any) -> None:
@@ -263,6 +261,19 @@ class RecordingPage(_Pictures):
         self._slider.on_update(self._scrub)
         self._play = gui.add_checkbox("Play", initial_value=False)
         self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
+
+    def _whole(self, shown: Samples, joint: str) -> list[Panel]:
+        """Give an overview of the whole recording, in which what the other plots show stands out.
+
+        Elsewhere that curve has no value.
+        """
+        known = (*self._samples.calibrated, *self._samples.joints)
+        whole = self._overview(known[0] if joint == EVERY else joint)
+        line = whole.curves[0]
+        is_shown = (line.x >= shown.t[0]) & (line.x <= shown.t[-1])
+        values, colour = np.where(is_shown, line.y, np.nan), COLOURS["corrected"]
+        part = replace(line, y=values, label="shown below", colour=colour)
+        return [replace(whole, curves=[line, part])]
 
     def _frame(self) -> None:
         now = time.monotonic()
@@ -277,27 +288,3 @@ class RecordingPage(_Pictures):
         self._drawn = self._t
         condition, at_once = Condition("recording", t=self._t), not self._play.value
         self._page.render(self._samples.window(self._t, WINDOW), condition, at_once=at_once)
-
-
-class _RecordingView(Page):
-    """The page of a recording, with an overview of the whole of it above the other plots."""
-
-    def __init__(
-        self, robot: Robot, samples: Samples, controls: Callable[[Any], None], **place: Any
-    ) -> None:
-        self._whole = samples
-        super().__init__(robot, samples.joints, controls, **place)
-
-    def _panels(self, samples: Samples, joint: str) -> list[Panel]:
-        known = (*self._whole.calibrated, *self._whole.joints)
-        whole = self._overview(known[0] if joint == EVERY else joint)
-        # What the other plots show of it stands out; elsewhere that curve has no value.
-        line = whole.curves[0]
-        is_shown = (line.x >= samples.t[0]) & (line.x <= samples.t[-1])
-        values = np.where(is_shown, line.y, np.nan)
-        shown = replace(line, y=values, label="shown below", colour=COLOURS["corrected"])
-        return [replace(whole, curves=[line, shown]), *super()._panels(samples, joint)]
-
-    @cache  # noqa: B019  # as long as the page, of which there is one
-    def _overview(self, joint: str) -> Panel:
-        return overview(self._whole, self._robot, joint)

@@ -40,12 +40,6 @@ def poses(samples: Samples, robot: Robot) -> dict[str, Array]:
 
     A joint that is not corrected, or has no sensor, stands where it is reported. What is known of
     no joint is left out; without the reported position of every joint there is no pose at all.
-
-    Examples
-    --------
-    >>> samples = Samples.of_recording(test, model)
-    >>> sorted(poses(samples, test.robot))
-    ['corrected', 'reported', 'truth']
     """
     if samples.joints != robot.joint_names:
         return {}
@@ -62,11 +56,6 @@ def plots(samples: Samples, robot: Robot, joint: str = EVERY) -> dict[str, Panel
 
     They go by their titles. A correction has its interval as a band; so has the error that is left
     where the truth is known.
-
-    Examples
-    --------
-    >>> list(plots(Samples.of_recording(test, model), test.robot))
-    ['correction of jaw [deg]', 'corrected - true, jaw [deg]', 'between state messages [ms]']
     """
     every = samples.calibrated if joint == EVERY else ()
     curves: dict[str, list[Curve]] = {}
@@ -164,13 +153,7 @@ def status_html(condition: Condition, samples: Samples | None, silence: float = 
 
 
 def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
-    """Table of the latest row, a joint a line, of what was known of late; grey if not of now.
-
-    Examples
-    --------
-    >>> "0.2" in table_html(Samples.of_recording(test, model), test.robot, is_fresh=True)
-    True
-    """
+    """Table of the latest row, a joint a line, of what was known of late; grey if not of now."""
     columns = {name: getattr(samples, name) for name in POSES}
     columns["error"] = samples.corrected - samples.truth
     columns = {name: values for name, values in columns.items() if np.isfinite(values).any()}

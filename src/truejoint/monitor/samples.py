@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.states import check_ready
-from truejoint.errors import CalibrationError, RecordingError, TruejointError
+from truejoint.errors import CalibrationError, RecordingError, TruejointError, words
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.blocks import Block, StateBlock, TruthBlock
 from truejoint.runtime.status import Status
 
 if TYPE_CHECKING:  # the process that draws needs neither them nor the corrector
@@ -28,17 +28,12 @@ MOST_POINTS: Final = 600
 """Of a curve."""
 _TRUTH_AGE: Final = 0.15  # of the latest reading of the joint encoders [s], to count as the truth
 _STAMP_ERROR: Final = 1e-4  # [s]
+_MOST_WORDS: Final = 500  # characters of an error
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
-    """Instants of an arm, a row each; NaN where something is not known.
-
-    Examples
-    --------
-    >>> Samples.of_recording(test, model).corrected.shape
-    (400, 1)
-    """
+class Samples(Block):
+    """Instants of an arm, a row each; NaN where something is not known."""
 
     joints: tuple[str, ...]
     t: Array  # (n,), time stamps on the robot's clock [s]
@@ -54,14 +49,6 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.t)
-
-    @staticmethod
-    def joined(parts: Sequence[Samples]) -> Samples:
-        """Put samples of the same joints, one row or more, one after the other."""
-        rows: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS
-        }
-        return replace(parts[0], **rows)
 
     def rows(self, selection: slice | Integers) -> Samples:
         """Keep some rows."""
@@ -117,18 +104,13 @@ class Samples:
             corrector = corrector_for(calibration, [recording])
             corrector.set_homing(True, recording.provenance.homing_id or None)
             trace = corrector.run(recording)
+            status, columns = trace.status, [joints.index(joint) for joint in corrector.joints]
             vouched = _vouched(trace.position, trace.half_width, trace.status)
-            status = trace.status
-            for k, joint in enumerate(corrector.joints):
-                column = joints.index(joint)
-                corrected[:, column], half_width[:, column] = vouched[0][:, k], vouched[1][:, k]
-
-        none = np.full(n, np.nan)
+            corrected[:, columns], half_width[:, columns] = vouched
 
         def of(quantity: str) -> Array:
-            names = [f"{quantity}/{joint}" for joint in joints]
-            known = [recording.column(name) if name in recording.units else none for name in names]
-            return np.column_stack(known)
+            columns = [f"{quantity}/{joint}" for joint in joints]
+            return recording.table.reindex(columns=columns).to_numpy(dtype=float, copy=True)
 
         return cls(
             joints, t, of("measured"), corrected, half_width, of("truth"), of("setpoint"),
@@ -144,11 +126,6 @@ class LiveSamples:
     """Makes a row of what an arm reports, however much that is, and corrects all of it.
 
     Raises CalibrationError if the `calibration` is of another arm, or does not run in a loop.
-
-    Examples
-    --------
-    >>> LiveSamples(truejoint.get_robot("davinci_grasper"), model).corrector.joints
-    ('jaw',)
     """
 
     def __init__(self, robot: Robot, calibration: Calibration | None = None) -> None:
@@ -244,12 +221,10 @@ class LiveSamples:
 
     def _readings(self, truths: Sequence[TruthBlock]) -> TruthBlock | None:
         """Latest readings of the joint encoders, one from before among them."""
-        new = [block for block in truths if len(block.t)]
-        if new:
-            old = [] if self._truth is None else [self._truth]
-            both = TruthBlock.joined([*old, *new])
-            first = max(len(both.t) - sum(len(block.t) for block in new) - 1, 0)
-            self._truth = TruthBlock(both.t[first:], both.name, both.position[first:])
+        if new := [block for block in truths if len(block.t)]:
+            n_rows = sum(len(block.t) for block in new) + 1
+            both = TruthBlock.joined([*filter(None, [self._truth]), *new])
+            self._truth = TruthBlock(both.t[-n_rows:], both.name, both.position[-n_rows:])
         return self._truth
 
     def _correct(
@@ -286,13 +261,7 @@ def _vouched(position: Array, half_width: Array, status: Integers) -> tuple[Arra
 
 @dataclass(frozen=True)
 class Condition:
-    """How an arm, or the recording of one, stands.
-
-    Examples
-    --------
-    >>> Condition.of(arm).state
-    'ENABLED'
-    """
+    """How an arm, or the recording of one, stands."""
 
     state: str  # in a word or two: ``"ENABLED"``, ``"no answer"``
     reason: str = ""  # why it takes no commands, or reports nothing new; empty where all is well
@@ -310,24 +279,22 @@ class Condition:
         try:
             now = arm.operating_state()
         except Exception as error:  # noqa: BLE001  # whatever a back end raises is told
-            return cls("no answer", " ".join(str(error).split()) or type(error).__name__, False)
+            return cls("no answer", words(error, _MOST_WORDS), False)
         if now.is_busy and not now.is_homed:
             return cls("homing", "positions mean nothing before it is homed", False, now.t)
-        reasons = []
+        reason, state, is_fresh = "", f"{now.state}, moving" if now.is_busy else now.state, True
         try:
             check_ready(replace(now, is_busy=False), "motion")
         except TruejointError as error:
-            reasons.append(_without_command(error).removeprefix(f"the arm is {now.state}; "))
+            reason = _without_command(error).removeprefix(f"the arm is {now.state}; ")
         try:
             arm.measured_js()
         except Exception as error:  # noqa: BLE001
-            reasons.append(_without_command(error))
-            return cls(now.state, reasons[0], False, now.t)
-        state = f"{now.state}, moving" if now.is_busy else now.state
-        return cls(state, "".join(reasons[:1]), True, now.t)
+            reason, state, is_fresh = reason or _without_command(error), now.state, False
+        return cls(state, reason, is_fresh, now.t)
 
 
 def _without_command(error: Exception) -> str:
     """Give what an arm says, without the name of the command that it refused."""
-    text = " ".join(str(error).split()) or type(error).__name__
+    text = words(error, _MOST_WORDS)
     return text.partition(" refused: ")[2] or text

@@ -106,10 +106,9 @@ def designed_motion(
 
 
 def curved_terms(n_joints: int) -> tuple[Integers, Array]:
-    """Give the degrees (n, n_joints) of what a linear model does not know, and all spreads.
+    """Degrees (n, n_joints) of what a linear model does not know, and spreads (n + n_joints^2,).
 
-    These (n + n_joints^2,) are standard deviations of the coefficients of the smooth terms, then
-    of how the friction of each joint varies along each.
+    Those are of the coefficients: of the smooth terms, then of each joint's friction along each.
     """
     highest = len(_CURVED) + 1
     kinds = [
@@ -151,9 +150,8 @@ def terms(z: Array, direction: Array, speed: Array, degrees: Integers) -> tuple[
 def expected_error(information: Array, mixed: Array, spreads: Array) -> Array:
     """Mean square (...) over the workspace by which a fitted linear model is off the best one.
 
-    `known` (..., p, p) are sums of products of its terms, and the noise's variance on the diagonal
-    for coefficients of variance 1; `mixed` (..., p, m) are sums of products with the terms that it
-    does not know, whose coefficients have standard deviations `spreads` (m,).
+    `information` (..., p, p) are sums of products of its terms, with the noise's variance on the
+    diagonal; `mixed` (..., p, m) of these with the terms that it does not know, of `spreads` (m,).
     """
     inverse = np.linalg.inv(information)
     noise = NOISE**2 * np.trace(inverse, axis1=-2, axis2=-1)

@@ -13,22 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk import (
-    BLEND,
-    BLOCK_DURATION,
-    Arm,
-    StateBlock,
-    TimeLaw,
-    TruthBlock,
-    time_law,
-)  # fmt: skip
+from truejoint.crtk import BLOCK_DURATION, Arm, StateBlock, TruthBlock
 from truejoint.crtk.arm import as_arm
+from truejoint.crtk.planning import BLEND, TimeLaw, time_law
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, TrajectoryError
 from truejoint.motion.trajectory import Trajectory, as_trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.robots.robot import as_robot
-from truejoint.units import display_unit
+from truejoint.units import display_unit, shown
 
 _POLL: Final = 0.02  # [s] between two looks at the state of a paused arm
 _SHORTEST_LEG: Final = 1e-3  # [s], a set-point
@@ -382,9 +375,6 @@ def _timed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> tup
     fast = ~((caps <= top) & np.isfinite(caps))
     if fast.any():
         k = int(np.argmax(fast))
-        unit = display_unit(trajectory.units[k] + "/s")
-        raise TrajectoryError(
-            f"{name}: {joints[k]} would move at {caps[k] * unit.scale:.4g} {unit.name}, above "
-            f"{top[k] * unit.scale:.4g}; make it slower"
-        )
+        asked, most = (shown(speeds[k], trajectory.units[k] + "/s") for speeds in (caps, top))
+        raise TrajectoryError(f"{name}: {joints[k]} would move at {asked}, above {most}; slow down")
     return law, caps

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.crtk import Arm, Motion
 from truejoint.crtk.arm import as_arm
+from truejoint.crtk.cartesian import jacobian
 from truejoint.crtk.limits import move_speed
-from truejoint.errors import CommandRefused, RobotError
+from truejoint.errors import CommandRefused
 from truejoint.robots.blocks import checked_vector
 
 RAMP: Final = 0.1
@@ -75,21 +76,17 @@ class Jog:
         Where a joint would be faster than its cap all are slowed, so that the direction is kept.
         Raises RobotError if the robot's kinematics are not known.
         """
-        kinematics = self.arm.robot.kinematics
-        if kinematics is None:
-            raise RobotError(f"jog: the kinematics of {self.arm.robot.title} are not known")
+        kinematics = self.arm.robot.known_kinematics("jog")
         wanted = np.asarray(twist, dtype=float)
         if wanted.shape != (6,) or not np.isfinite(wanted).all():
             raise CommandRefused("jog refused: a twist is 6 finite values [m/s] and [rad/s]")
-        turned = kinematics.crtk_from_base[:3, :3].T
-        inside = np.concatenate([turned @ wanted[:3], turned @ wanted[3:]])
 
         def from_twist(position: Array) -> Array:
             # In shares of the caps, so that radians and metres compare.
-            scaled = kinematics.jacobian(position) * self.speed
+            scaled = jacobian(kinematics, position) * self.speed
             square = scaled @ scaled.T
             square = square + _DAMPING**2 * np.eye(6) * np.trace(square) / 6
-            shares = scaled.T @ np.linalg.solve(square, inside)
+            shares = scaled.T @ np.linalg.solve(square, wanted)
             return np.asarray(self.speed * shares / max(1.0, float(np.abs(shares).max())))
 
         self._wanted = from_twist

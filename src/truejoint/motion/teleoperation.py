@@ -41,29 +41,12 @@ _LEAVING: Final = (LEAVE, "\x1b", "\x03", "\x04")
 
 @dataclass(frozen=True)
 class Key:
-    """What one key does.
+    """What one key does."""
 
-    Attributes
-    ----------
-    name : str
-        The character.
-    action : str
-        In words.
-    joints : tuple of float
-        Direction of each joint, as shares of their caps; empty for a key of the tool.
-    twist : tuple of float
-        Direction of the tool, as shares of `TOOL_SPEED`.
-
-    Examples
-    --------
-    >>> key_map(truejoint.get_robot("forceps"))["1"].action
-    'jaw +'
-    """
-
-    name: str
-    action: str
-    joints: tuple[float, ...] = ()
-    twist: tuple[float, ...] = ()
+    name: str  # the character
+    action: str  # in words
+    joints: tuple[float, ...] = ()  # direction as shares of the caps; empty for a key of the tool
+    twist: tuple[float, ...] = ()  # direction of the tool, as shares of `TOOL_SPEED`
 
 
 TOOL_SPEED: Final = np.array([0.02, 0.02, 0.02, 0.3, 0.3, 0.3])
@@ -71,13 +54,7 @@ TOOL_SPEED: Final = np.array([0.02, 0.02, 0.02, 0.3, 0.3, 0.3])
 
 
 def key_map(robot: Robot) -> dict[str, Key]:
-    """Keys that move a robot, by character: a pair for each joint, the tool and the grasper.
-
-    Examples
-    --------
-    >>> len(key_map(truejoint.get_robot("raven2")))
-    28
-    """
+    """Keys that move a robot, by character: a pair for each joint, the tool and the grasper."""
     n = len(robot.joints)
     rows = zip(robot.joint_names, _JOINT_KEYS, np.eye(n), strict=False)
     pairs = [(pair, (f"{joint} +", f"{joint} -"), "joints", row) for joint, pair, row in rows]
@@ -100,11 +77,6 @@ def key_events(text: str) -> Iterator[tuple[str, Event]]:
 
     Plain characters are pressed; a terminal with kitty's keyboard protocol tells the three apart.
     Other escape sequences are passed over.
-
-    Examples
-    --------
-    >>> list(key_events("1" + chr(27) + "[49;1:3u"))
-    [('1', 'press'), ('1', 'release')]
     """
     for match in _TYPED.finditer(text):
         code, event = match["code"], match["event"]
@@ -120,29 +92,11 @@ class Teleoperation:
 
     A key moves while it is held: until it is let go of where the terminal says so, else for 0.2 s
     after it was last reported. Of joint and tool keys those pressed last count.
-
-    Attributes
-    ----------
-    jog : Jog
-    step : int
-        Which of `SPEEDS` is used.
-    is_over : bool
-        Whether a key has ended it.
-
-    Examples
-    --------
-    >>> keys = Teleoperation(Jog(arm))
-    >>> keys.tell("1", "press", 0.0)
-    >>> keys.held
-    ('shoulder +',)
-    >>> keys.pass_time(0.3)
-    >>> keys.held
-    ()
     """
 
     jog: Jog
-    step: int = 1
-    is_over: bool = False
+    step: int = 1  # of `SPEEDS`
+    is_over: bool = False  # whether a key has ended it
     _held: dict[str, float] = field(default_factory=dict)  # until when [s]
 
     def __post_init__(self) -> None:
@@ -226,31 +180,9 @@ class Gamepad:
 
     The left stick moves the tool along x and y, the right one along z and about it, the triggers
     shut and open the grasper, the shoulder buttons change the speed, A stops until all are let go
-    of, B and Start leave.
-    Of a robot whose kinematics are not known, the sticks move its first four joints.
-
-    Parameters
-    ----------
-    operator : Teleoperation
-        What is told.
-
-    Attributes
-    ----------
-    is_gone : bool
-        Whether it was unplugged, which stops the arm and leaves.
-
-    Raises
-    ------
-    TruejointError
-        If pygame is not installed.
-    CommandRefused
-        On entering, if no gamepad is there.
-
-    Examples
-    --------
-    >>> from truejoint.motion.teleoperation import Gamepad, Teleoperation
-    >>> pad = Gamepad(Teleoperation(truejoint.motion.Jog(arm)))
-    >>> pad.tell("axis", 0, 1.0, 0.0)
+    of, B and Start leave. Of a robot whose kinematics are not known, the sticks move its first four
+    joints. A pad that is unplugged (`is_gone`) stops the arm and leaves. On entering raises
+    TruejointError without pygame, CommandRefused if no gamepad is there.
     """
 
     def __init__(self, operator: Teleoperation) -> None:

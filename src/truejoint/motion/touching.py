@@ -47,26 +47,14 @@ def joints_at(robot: Robot, point: Array, seed: Array) -> Array:
 class SimulatedHand:
     """Steers a simulated arm's tip into dimples, by looking where its joints really are.
 
-    Parameters
-    ----------
-    arm : Arm
-        Of a digital twin, enabled and homed.
-    rotation, translation : ndarray, shape (3, 3) and (3,)
-        Pose of the block in the arm's base [m].
-    seat_sd : float
-        How far off its dimple a tip rests, per axis [m].
-    seed : int
-
-    Raises
-    ------
-    CommandRefused
-        If the arm does not say where its joints really are: only a twin does.
+    The arm is enabled and homed. Raises CommandRefused if it does not say where its joints really
+    are: only a twin does.
     """
 
     arm: Arm
-    rotation: Array
-    translation: Array
-    seat_sd: float = 2e-4
+    rotation: Array  # (3, 3), of the block in the arm's base
+    translation: Array  # (3,), likewise [m]
+    seat_sd: float = 2e-4  # how far off its dimple a tip rests, per axis [m]
     seed: int = 0
     _true: Array | None = field(default=None, init=False)
 

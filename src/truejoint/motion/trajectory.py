@@ -16,7 +16,7 @@ from truejoint.robots.robot import as_robot
 from truejoint.units import shown_range
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_UNITS: Final = ("rad", "m")
+_UNITS: Final = frozenset({"rad", "m"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +64,12 @@ class Trajectory:
                 numbers = floats(values, f"{self.name}: {key}", TrajectoryError)
                 object.__setattr__(self, key, numbers)
         name, joints, positions = self.name, self.joints, self.positions
-        bad = [j for j in joints if not _NAME.fullmatch(str(j)) or j == "t"]
-        if bad or len(set(joints)) != len(joints) or not joints:
+        bad = any(not _NAME.fullmatch(str(joint)) or joint == "t" for joint in joints)
+        bad |= len(set(joints)) != len(joints) or not joints or len(self.units) != len(joints)
+        if bad or not set(self.units) <= _UNITS:
             raise TrajectoryError(
-                f"{name}: joints {list(joints)} must be distinct names of letters, digits and _, "
-                "not t"
-            )
-        if len(self.units) != len(joints) or any(u not in _UNITS for u in self.units):
-            raise TrajectoryError(
-                f"{name}: units {list(self.units)} must be 'rad' or 'm', one for each joint"
+                f"{name}: joints {list(joints)} in {list(self.units)}; want distinct names of "
+                "letters, digits and _, not t, and for each joint a unit, 'rad' or 'm'"
             )
         if positions.ndim != 2 or positions.shape[1] != len(joints) or len(positions) < 2:
             raise TrajectoryError(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.crtk.instant_twin import InstantTwin
 
-from truejoint.crtk import Arm, LoopTiming, PacedBackend, StateBlock
+from truejoint.crtk import Arm, PacedBackend, StateBlock
 from truejoint.errors import CommandRefused, MotionStopped
 
 
@@ -76,13 +76,3 @@ def test_a_failing_subscriber_pauses_the_arm(paced):
     with pytest.raises((ZeroDivisionError, CommandRefused)):
         arm.servo_jp_stream(np.tile(arm.robot.home, (400, 1)))
     assert arm.operating_state().state == "PAUSED"
-
-
-def test_timing_is_judged_by_its_periods(paced):
-    arm, backend = paced
-    arm.servo_jp_stream(np.tile(arm.robot.home, (20, 1)))
-    assert backend.timing().periods >= 15
-    timing = LoopTiming.of(np.array([0.0, 0.001, 0.002, 0.0045]), 0.001, restarts=2)
-    assert (timing.periods, timing.restarts) == (3, 2)
-    assert timing.late_share == pytest.approx(1 / 3)
-    assert timing.worst == pytest.approx(2.5e-3)

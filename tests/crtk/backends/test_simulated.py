@@ -1,13 +1,10 @@
 """Tests of truejoint.crtk.backends.simulated."""
 
-import threading
-import time
-
 import numpy as np
 import pytest
 
 from truejoint.crtk import Arm, Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
-from truejoint.errors import CommandRefused, MotionStopped, RobotError
+from truejoint.errors import CommandRefused, RobotError
 from truejoint.recordings import Recorder
 from truejoint.simulation import Twin, make_twin
 from truejoint.simulation.raven2 import Raven2Twin
@@ -73,37 +70,6 @@ def test_servoing_moves_the_motors_as_fast_as_is_asked(backend, command):
     first, last = len(state.t) - 301, len(state.t) - 1  # once under way
     moved = state.measured[last, :3] - state.measured[first, :3]
     assert moved / (state.t[last] - state.t[first]) == pytest.approx(speed[:3], rel=0.02)
-
-
-def test_a_homing_stops_with_the_piece_in_which_a_pause_is_asked_for(backend):
-    arm, times = Arm(backend), []
-    arm.enable()
-    pieces, begun = backend.twin.homing, threading.Event()
-
-    def homing():
-        for piece in pieces():
-            if backend.twin.time > 1.0 and not begun.is_set():
-                begun.set()
-                end = time.monotonic() + 20.0
-                while backend._entry_lock.acquire(blocking=False):  # until who pauses waits
-                    backend._entry_lock.release()
-                    assert time.monotonic() < end
-            yield piece
-
-    def pause():
-        begun.wait(20.0)
-        times.append(arm.time)  # which waits for nobody
-        arm.pause()
-        times.append(arm.time)
-
-    backend.twin.homing = homing
-    thread = threading.Thread(target=pause)
-    thread.start()
-    with pytest.raises(MotionStopped, match="PAUSED; the arm is not homed"):
-        arm.home()
-    thread.join(20.0)
-    assert arm.operating_state().state == "PAUSED"
-    assert times[1] - times[0] <= 0.02 + 1e-9
 
 
 def test_no_time_passes_once_it_is_not_to_go_on(backend):

@@ -7,10 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
@@ -23,45 +20,6 @@ from truejoint.simulation import Twin, TwinOutput
 _AHEAD: Final = 5e-3
 """Time of the set-points that may wait to be executed while more are asked for [s]."""
 _HOPELESS: Final = 0.1  # lateness [s] after which the clock is taken up anew
-_KEPT: Final = 1_200_000  # periods, twenty minutes
-_LATE: Final = 1.5  # periods
-
-
-@dataclass(frozen=True)
-class LoopTiming:
-    """How evenly a loop has run; times are between the starts of two passes.
-
-    Attributes
-    ----------
-    periods : int
-        How many were looked at.
-    median, p99, worst : float
-        [s].
-    late_share : float
-        Share of periods more than half as long again as they are to be.
-    restarts : int
-        How often the loop fell so far behind that its clock was taken up anew.
-
-    Examples
-    --------
-    >>> LoopTiming.of(np.array([0.0, 0.001, 0.003]), 0.001).late_share
-    0.5
-    """
-
-    periods: int
-    median: float
-    p99: float
-    worst: float
-    late_share: float
-    restarts: int = 0
-
-    @classmethod
-    def of(cls, starts: Array, period: float, restarts: int = 0) -> LoopTiming:
-        """Judge a loop of a `period` [s] whose passes started at `starts` (n,) [s], n >= 2."""
-        periods = np.diff(starts)
-        median, p99 = np.quantile(periods, [0.5, 0.99])
-        late = float((periods > _LATE * period).mean())
-        return cls(len(periods), float(median), float(p99), float(periods.max()), late, restarts)
 
 
 class PacedBackend(SimulatedBackend):
@@ -95,9 +53,6 @@ class PacedBackend(SimulatedBackend):
             self._state = OperatingState("ENABLED", is_homed=True, is_busy=False, t=twin.time)
         self._waiting: deque[Array] = deque()
         self._moved = threading.Condition()
-        self._starts = np.empty(_KEPT)  # of the latest passes, a ring
-        self._passes = 0
-        self._restarts = 0
         self._closed = threading.Event()
         self._hold = self.robot.home
         self._failure: BaseException | None = None
@@ -111,15 +66,6 @@ class PacedBackend(SimulatedBackend):
         self._closed.set()
         if threading.current_thread() is not self._thread:
             self._thread.join(1.0)
-
-    def timing(self) -> LoopTiming:
-        """How evenly the loop has run up to now; CommandRefused if it has hardly begun."""
-        passes = self._passes
-        if passes < 2:
-            raise CommandRefused("timing refused: the loop has not run yet")
-        first = passes - min(passes, _KEPT)
-        starts = self._starts[np.arange(first, passes) % _KEPT]
-        return LoopTiming.of(starts, self.period, self._restarts)
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
         """Queue set-points (n, n_joints) [rad or m]; returns when nearly all are executed.
@@ -161,7 +107,6 @@ class PacedBackend(SimulatedBackend):
         return dropped
 
     def _loop(self) -> None:
-        """Each period go to a set-point, hold the last one, or stand on the brakes."""
         due = time.perf_counter()
         while not self._closed.is_set():
             due += self.period
@@ -169,29 +114,31 @@ class PacedBackend(SimulatedBackend):
             if late < 0.0:
                 time.sleep(-late)
             elif late > _HOPELESS:
-                due, self._restarts = due + late, self._restarts + 1
-            self._starts[self._passes % _KEPT] = time.perf_counter()
-            self._passes += 1
+                due += late
             try:
-                with self._advancing_twin():
-                    if self._state.is_busy:
-                        continue  # homing lets the time pass itself
-                    if self._state.is_ready:  # to the next set-point, or hold the last one
-                        with self._moved:
-                            self._hold = self._waiting[0] if self._waiting else self._hold
-                        output: StateBlock | None = self._run(self._hold[None])
-                    else:
-                        output = self._stand(self.period)
-                self._deliver(output)
-                with self._moved:  # who waits for a set-point finds it reported
-                    if self._waiting and self._waiting[0] is self._hold:
-                        self._waiting.popleft()
-                    self._moved.notify_all()
+                self._pass()
             except BaseException as error:  # noqa: BLE001  # a subscriber's: the arm stops
                 self._failure = error
                 with suppress(TruejointError):
                     SimulatedBackend.state_command(self, "pause", 1.0)
                 return
+
+    def _pass(self) -> None:
+        """Go to the next set-point, hold the last one, or stand on the brakes."""
+        with self._advancing_twin():
+            if self._state.is_busy:
+                return  # homing lets the time pass itself
+            if self._state.is_ready:
+                with self._moved:
+                    self._hold = self._waiting[0] if self._waiting else self._hold
+                output: StateBlock | None = self._run(self._hold[None])
+            else:
+                output = self._stand(self.period)
+        self._deliver(output)
+        with self._moved:  # who waits for a set-point finds it reported
+            if self._waiting and self._waiting[0] is self._hold:
+                self._waiting.popleft()
+            self._moved.notify_all()
 
     def _passed(self, piece: TwinOutput) -> None:
         """Let the time of a piece of the homing pass."""

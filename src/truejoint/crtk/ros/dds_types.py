@@ -18,16 +18,13 @@ from truejoint.crtk.messages import DEFINITIONS, SERVICES, ros2_definition
 from truejoint.errors import RosError
 
 _types: Any = cyclonedds.idl.types  # whose annotations say that nothing can be given a length
-_NUMBERS: Final = {
-    **{f"{sign}int{bits}": 0 for sign in ("", "u") for bits in (8, 16, 32, 64)},
-    "float32": 0.0,
-    "float64": 0.0,
-}
+_INTEGERS: Final = [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
 _BASIC: Final = {
     "bool": (bool, False),
     "string": (str, ""),
     **dict.fromkeys(("byte", "char", "octet"), (_types.uint8, 0)),
-    **{name: (getattr(_types, name), zero) for name, zero in _NUMBERS.items()},
+    **{name: (getattr(_types, name), 0) for name in _INTEGERS},
+    **{name: (getattr(_types, name), 0.0) for name in ("float32", "float64")},
 }
 _Field = tuple[Any, Callable[[], Any]]
 # rmw_cyclonedds_cpp puts these before each request and response.
@@ -58,11 +55,6 @@ def message_class(name: str, *, is_call: bool = False) -> type[Any]:
     A message is made empty, and its fields can be set. ``TYPE_HASH`` is what ROS 2 tells variants
     of a type apart by (REP 2016). With `is_call` it begins with who calls a service, as between
     clients and servers on Cyclone DDS. Raises RosError for an unknown type.
-
-    Examples
-    --------
-    >>> message_class("std_msgs/msg/Float64")().data
-    0.0
     """
     if name not in definitions().fielddefs:
         raise RosError(f"truejoint has no definition of ROS 2's {name}")

@@ -71,7 +71,8 @@ class Ros2:
         self._written = builtin.BuiltinDataReader(
             self._participant, builtin.BuiltinTopicDcpsPublication
         )
-        self._graph = self._writer("ros_discovery_info", message_class(_GRAPH), latched=True)
+        graph = message_class(_GRAPH)
+        self._graph = self._endpoint(DataWriter, "ros_discovery_info", graph, latched=True)
         self._show()
         self._thread = threading.Thread(target=self._spin, name="ROS 2", daemon=True)
         self._thread.start()
@@ -103,7 +104,8 @@ class Ros2:
 
     def publisher(self, topic: str, kind: str, *, latched: bool = False) -> Publisher:
         """Begin to write a topic."""
-        writer = self._writer(f"rt{topic}", message_class(_full_name(kind)), latched=latched)
+        made = message_class(_full_name(kind))
+        writer = self._endpoint(DataWriter, f"rt{topic}", made, latched=latched)
         end = self._begin(writer)
         return Publisher(topic, writer.write, end, lambda: len(writer.get_matched_subscriptions()))
 
@@ -122,7 +124,7 @@ class Ros2:
         """
         made = message_class(_full_name(kind))
         readers = [
-            self._reader(f"rt{topic}", made, depth=1 if newest or old else QUEUE, latched=old)
+            self._endpoint(DataReader, f"rt{topic}", made, newest=newest, latched=old)
             for old in ((True, False) if kind in OPERATING_STATES else (False,))
         ]
         return self._listen(_Subscription(topic, callback, readers))
@@ -137,8 +139,8 @@ class Ros2:
             for half in ("Request", "Response")
         )
         who = f"serviceid={'.'.join(f'{byte:x}' for byte in os.urandom(16))};"
-        reader = self._reader(f"rq{name}Request", request, who=who)
-        writer = self._writer(f"rr{name}Reply", response, who=who)
+        reader = self._endpoint(DataReader, f"rq{name}Request", request, who=who)
+        writer = self._endpoint(DataWriter, f"rr{name}Reply", response, who=who)
         end_writer = self._begin(writer)
 
         def respond(call: Any) -> None:
@@ -177,24 +179,17 @@ class Ros2:
             self._thread.join(1.0)
         _end(self._participant)
 
-    def _topic(self, name: str, kind: type[Any]) -> Topic[Any]:
+    def _endpoint(
+        self, make: Callable[..., Any], name: str, kind: type[Any], *, newest: bool = False,
+        latched: bool = False, who: str = "",
+    ) -> Any:  # fmt: skip
+        """Make a reader or a writer of a topic; says its type's hash, and who calls by it."""
         with self._lock:
             if (name, kind) not in self._topics:
                 self._topics[name, kind] = Topic(self._participant, name, kind)
-            return self._topics[name, kind]
-
-    def _writer(
-        self, name: str, kind: type[Any], *, latched: bool = False, who: str = ""
-    ) -> DataWriter[Any]:
-        qos = _qos(_told(kind, who), depth=1 if latched else QUEUE, latched=latched)
-        return DataWriter(self._participant, self._topic(name, kind), qos)
-
-    def _reader(
-        self, name: str, kind: type[Any], *, depth: int = QUEUE, latched: bool = False,
-        who: str = "",
-    ) -> DataReader[Any]:  # fmt: skip
-        qos = _qos(_told(kind, who), depth=depth, latched=latched)
-        return DataReader(self._participant, self._topic(name, kind), qos)
+        depth = 1 if newest or latched else QUEUE
+        qos = _qos(f"{who}typehash={kind.TYPE_HASH};", depth=depth, latched=latched)
+        return make(self._participant, self._topics[name, kind], qos)
 
     def _begin(self, writer: DataWriter[Any]) -> Callable[[], None]:
         return self._shown(self._writers, writer, lambda: _end(writer))
@@ -312,11 +307,6 @@ class _Subscription:
 
 def _full_name(kind: str, of: str = "msg") -> str:
     return kind.replace("/", f"/{of}/")
-
-
-def _told(kind: type[Any], who: str) -> str:
-    """Say of an endpoint what DDS itself does not: its type's hash, and who calls by it."""
-    return f"{who}typehash={kind.TYPE_HASH};"
 
 
 def _end(entity: core.Entity) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from functools import partial
 from typing import Any, Final
 
@@ -35,16 +36,8 @@ class StateStream:
     set-point, from its ``ravenstate``. The arm's topics are in `namespace`, for instance
     ``"/PSM1"``, by default the profile's. `receive` is called with a state message, its stamp [s]
     and its columns, (1,) each. Messages with an invalid stamp are left out, and counted in
-    `invalid`.
-
-    Attributes
-    ----------
-    topic : str
-        Topic that is read.
-    refusal : str
-        Why the latest message could not be read; empty where it could.
-    stale : str
-        Since when there are no set-points, where they have ceased; else empty.
+    `invalid`; `refusal` says why the latest could not be read, `stale` since when set-points have
+    ceased, each empty where that is not so.
     """
 
     def __init__(
@@ -64,7 +57,7 @@ class StateStream:
         self.refusal = self.stale = ""
         self._setpoint: Mapping[str, Array] = {}
         self._told = math.nan  # stamp of that [s]
-        self._open: list[Callable[[], None]] = []
+        self._topics = ExitStack()
 
     def name(self, crtk: str) -> str:
         """Topic of a CRTK name of this arm."""
@@ -72,18 +65,16 @@ class StateStream:
 
     def start(self) -> None:
         """Begin to listen."""
-        subscribe = self._transport.subscribe
-        if self.reads_raven:
-            self._open.append(subscribe(self.topic, RAVEN_STATE, partial(self._take, self._raven)))
-            return
-        self._open.append(subscribe(self.topic, JOINT_STATE, partial(self._take, self._measured)))
+        subscribe, begun = self._transport.subscribe, self._topics.callback
+        raven, joints = (RAVEN_STATE, self._raven), (JOINT_STATE, self._measured)
+        kind, read = raven if self.reads_raven else joints
+        begun(subscribe(self.topic, kind, partial(self._take, read)))
         if not self._profile.no_setpoint:
-            self._open.append(subscribe(self.name("setpoint_js"), JOINT_STATE, self._on_setpoint))
+            begun(subscribe(self.name("setpoint_js"), JOINT_STATE, self._on_setpoint))
 
     def close(self) -> None:
         """Listen no more."""
-        while self._open:
-            self._open.pop()()
+        self._topics.close()
         self._setpoint = {}
 
     def _measured(self, message: Any, t: float) -> Mapping[str, Array]:
