@@ -383,7 +383,8 @@ def zeros() -> list[tuple[str, str]]:
     """Each estimator, and each way in which zeros move another kind of inputs."""
     own = [name for name in estimator_names() if inputs(name)]
     moved = {"linear", "gru", *own}  # a model of any features, one that remembers them
-    names = [name for name in estimator_names() if name not in ALIKE]
+    alike = ALIKE | {"lsm_compensated", "ukf_compensated"}  # with a parameter, one of the others
+    names = [name for name in estimator_names() if name not in alike]
     return [(name, "recording") for name in names] + [
         (name, "homing") for name in names if name in moved
     ]

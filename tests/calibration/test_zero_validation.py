@@ -147,7 +147,7 @@ def test_an_interval_of_the_same_recordings_is_made_of_such_fits(monkeypatch):
     model = cross_interval(several(0.3), LINEAR, rezero=0.5)
     assert model.rezeroed_fit.interval.rezero == 0.5
     assert model.interval is None
-    assert groups == [(5, "recording")] + 5 * [(4, "recording")]
+    assert groups[-6:] == [(5, "recording")] + 5 * [(4, "recording")]
 
 
 def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):

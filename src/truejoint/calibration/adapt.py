@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -93,18 +94,20 @@ def adapted(
         )
     before = prior.for_rezeroing
     after = replace(before, machine=robot)
-    parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
+    for recording in recordings:
+        after.check_recording(recording)
+    for recording in reference:
+        before.check_recording(recording)
+    see = partial(
+        training_rows,
+        feature_set=before.feature_set, joints=before.joints, gap_limit=before.gap_limit,
+    )  # fmt: skip
+    parts = see(recordings, stride=stride_of(fit_rate, sample_dt(recordings)))
     check_row_count(sum(int(part.known.sum()) for part in parts))
-    reference_rows = _rows(before, reference, 1) if reference else []
     models = {**after.baselines, "model": after}
-    usual = _usual_residuals(
-        models, reference_rows, parts, is_each_zeroed=prior.rezeroed_fit is not None
-    )
-    penalties = np.full(len(after.joints), math.inf)
-    if sum(recording.duration for recording in recordings) < SLOPES_FROM:
-        after = _at_mean(after, models, parts, usual)
-    else:
-        after, penalties = _changed(after, models, parts, usual)
+    is_each_zeroed = prior.rezeroed_fit is not None
+    usual = _usual_residuals(models, see(reference) if reference else [], parts, is_each_zeroed)
+    after, penalties = _changed(after, models, parts, usual)
     origin, facts = training_origin(parts)
     sessions = [*origin.sessions, *before.origin.sessions]  # so that none is judged on
     sessions += [Session.of(r) for r in reference if not any(s.overlaps(r) for s in sessions)]
@@ -138,19 +141,10 @@ def adapted(
     )
 
 
-def _rows(calibration: Calibration, recordings: Sequence[Recording], stride: int) -> list[Rows]:
-    """Rows of recordings that fit a calibration."""
-    for recording in recordings:
-        calibration.check_recording(recording)
-    c = calibration
-    return training_rows(recordings, c.feature_set, c.joints, c.gap_limit, stride)
-
-
 def _usual_residuals(
     models: Mapping[str, Calibration],
     known: Sequence[Rows],
     parts: Sequence[Rows],
-    *,
     is_each_zeroed: bool,
 ) -> dict[str, Array]:
     """Residuals (n, n_joints) of each model on rows of the reference like those of `parts`.
@@ -180,28 +174,25 @@ def _usual_residuals(
     return usual
 
 
-def _at_mean(
-    prior: Calibration,
-    models: Mapping[str, Calibration],
-    parts: Sequence[Rows],
-    usual: Mapping[str, Array],
-) -> Calibration:
-    """Move the zero alone, of the model and of each baseline, to the mean residual."""
-    is_known = np.concatenate([part.known for part in parts])
-    offsets = {}
-    for name, model in models.items():
-        residuals = np.concatenate([part.truth - model.correct(part) for part in parts])
-        offsets[name] = (residuals - usual[name])[is_known].mean(axis=0)
-    return prior.at(Zero(offsets.pop("model"), baselines=offsets))
-
-
 def _changed(
     prior: Calibration,
     models: Mapping[str, Calibration],
     parts: Sequence[Rows],
     usual: Mapping[str, Array],
 ) -> tuple[Calibration, Array]:
-    """Change coefficients by ridge regression; also its penalties (n_joints,) on the model's."""
+    """Change the model and each baseline; also give the penalties (n_joints,) on the model's.
+
+    Of little time the zero alone moves, to the mean residual; of more, coefficients change by
+    ridge regression.
+    """
+    if sum(part.recording.duration for part in parts) < SLOPES_FROM:
+        is_known = np.concatenate([part.known for part in parts])
+        offsets = {}
+        for name, model in models.items():
+            residuals = np.concatenate([part.truth - model.correct(part) for part in parts])
+            offsets[name] = (residuals - usual[name])[is_known].mean(axis=0)
+        moved = prior.at(Zero(offsets.pop("model"), baselines=offsets))
+        return moved, np.full(len(prior.joints), math.inf)
     X, dt = (np.concatenate([getattr(p, name) for p in parts]) for name in ("X", "dt"))
     changed, penalties = {}, np.empty(0)
     for name, model in models.items():

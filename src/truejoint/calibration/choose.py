@@ -10,6 +10,8 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -18,7 +20,7 @@ from scipy.optimize import nnls
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration import compatibility, fit_task
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.folds import FEW, FOLDS, Fold, folds, hidden_rows
+from truejoint.calibration.folds import FEW, FOLDS, GAP, Fold, folds, hidden_rows
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error, known_error
@@ -44,7 +46,7 @@ _EQUAL: Final = 0.02  # of the least expected error, by which the linear model m
 _MEAN: Final = 0.05  # of it, by which a mean of several may be worse than one alone
 FITTED_ROWS: Final = 6_000  # that a fit for the choice uses, at most
 MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
-TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
+_TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
 _WORSE: Final = 0.25  # it is worse than the best by this share and has no weight,
 _HOPELESS: Final = 1.0  # or worse by this one
 _LEAST_FOLDS: Final = 3  # that are judged, whatever they take
@@ -82,53 +84,35 @@ class Candidate:
     is_believed: bool = False  # whether it is made for such a mechanism, and so tried on all folds
     is_member: bool = True  # whether a weighted mean may hold it
     folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
+    errors: dict[int, Array] = field(default_factory=dict)
+    """(n_rows, n_joints) by fold [rad or m]; of a simple model where it could not be fitted."""
+    spread: Array | float = 0.0
+    """Largest (n_joints,) of predictions where signals come apart, over that of the targets."""
     seconds: float = 0.0
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
 
     def bounded(self, features: Sequence[str], beside: Sequence[str] = ()) -> JointRegressor:
         """Give the model as it sees `features`, held to the range that it is fitted to."""
-        place = {name: i for i, name in enumerate(features)}
-        columns = tuple(place[name] for name in self.features)
-        return Bounded(self.model, columns, tuple(place[name] for name in beside))
+        columns, others = (tuple(map(features.index, names)) for names in (self.features, beside))
+        return Bounded(self.model, columns, others)
 
     @property
     def bears_load(self) -> bool:
         """Whether it still holds where a load moves the joint off what its motor says."""
         return self.model.family.bears_load(self.model.model_params())
 
-    def give_up(self, reason: str = "") -> None:
-        """Try it no more, for a `reason` or what it did so far."""
-        count = len(self.folds)
-        self.note = reason or f"given up after {count} fold{'s' * (count != 1)}"
-
 
 class CrossValidation:
     """Table of errors: of each candidate and pair of candidates, in each fold and joint.
 
     `cross_validate` fills it; the choice and its weights are functions of it. The simple models
-    that can predict the target come first, the linear one before the others. All see the same rows
-    of the same recordings, and are judged by what they leave of the true position.
-
-    Attributes
-    ----------
-    recordings : list of Recording
-    kept : list of ndarray
-        Rows of each recording that are among the m rows.
-    X, decoupled : ndarray, shape (m, k)
-        Features of all candidates; the same with every signal taken from another time.
-    dt : ndarray, shape (m,)
-        Time since the row before [s], 0 where a history starts.
-    measured : ndarray, shape (m, n_joints)
-        Measured positions [rad or m].
-    targets : ndarray, shape (m, n_joints)
-        Truth minus measured [rad or m]; NaN where no fit uses them.
-    errors : list of ndarray, shape (n_candidates, n_rows, n_joints)
-        What is left of the truth in rows of each fold; NaN where one was not tried.
-    products : list of ndarray, shape (n_joints, n_candidates, n_candidates)
-        Mean product of two candidates' errors, for each fold.
-    spreads : ndarray, shape (n_candidates, n_joints)
-        Largest spread of predictions where signals come apart, over that of the targets.
+    that can predict the target come first, the linear one before the others. All see the same m
+    rows, numbers `rows` among those of all `parts`, and are judged by what they leave of the true
+    position. `X` (m, k) has the features of all, `dt` (m,) the time since the row before [s], 0
+    where a history starts; `measured` and `targets` (m, n_joints) are in rad or m, the latter truth
+    minus measured, NaN where no fit uses them. `products` of each fold (n_joints, n_candidates,
+    n_candidates) are the mean products of two candidates' errors, NaN where one was not tried.
     """
 
     def __init__(self, parts: Sequence[Rows], candidates: Sequence[Candidate], most: int) -> None:
@@ -136,52 +120,43 @@ class CrossValidation:
 
         A history that starts in a row that is left out starts in the next.
         """
+        self.parts, self.candidates, self.products = parts, list(candidates), list[Array]()
         self.features: FeatureSet = parts[0].feature_set
-        self.recordings = [part.recording for part in parts]
-        self.times = [part.t for part in parts]
-        self.kept, steps, targets = list[Integers](), list[Array](), list[Array]()
-        for part in parts:
-            values = part.fitted_targets("error")
+        self._starts, rows = np.cumsum([0, *map(len, parts)]), list[Integers]()
+        targets = [part.fitted_targets("error") for part in parts]
+        for values, start in zip(targets, self._starts, strict=False):
             has_target = np.flatnonzero(np.isfinite(values).any(axis=1))
-            rows = np.union1d(_spread(np.arange(len(part)), most), _spread(has_target, most))
-            starts = np.diff(np.cumsum(part.dt == 0.0)[rows], prepend=0) > 0
-            steps.append(np.where(starts, 0.0, np.diff(part.t[rows], prepend=part.t[0])))
-            targets.append(values[rows])
-            self.kept.append(rows)
-        pairs = list(zip(parts, self.kept, strict=True))
-        features = [part.X[rows] for part, rows in pairs]
-        self.X, self.dt, self.targets = map(np.concatenate, (features, steps, targets))
-        self.measured = np.concatenate([part.measured[rows] for part, rows in pairs])
-        self.decoupled = np.concatenate([decoupled(x, self.features) for x in features])
+            every = _spread(np.arange(len(values)), most)
+            rows.append(start + np.union1d(every, _spread(has_target, most)))
+        self.rows, self.targets = np.concatenate(rows), np.concatenate(targets)
+        self.targets = self.targets[self.rows]
         self.has_target = np.isfinite(self.targets).all(axis=1)
-        self.errors: list[Array] = []
-        self.products: list[Array] = []
-        self.candidates: list[Candidate] = []
-        self.spreads = np.zeros((0, self.targets.shape[1]))
-        self.add(candidates)
+        self.X, self.measured, t = (
+            np.concatenate([getattr(part, name) for part in parts])[self.rows]
+            for name in ("X", "measured", "t")
+        )
+        history = np.cumsum(np.concatenate([part.dt for part in parts]) == 0.0)[self.rows]
+        self.dt = np.where(np.diff(history, prepend=0) > 0, 0.0, np.diff(t, prepend=0.0))
 
-    def add(self, candidates: Sequence[Candidate]) -> None:
-        """Try further candidates, which the folds so far did not see."""
-        n = len(candidates)
-        self.candidates += candidates
-        self.n_simple = sum(candidate.is_simple for candidate in self.candidates)
-        self.spreads = np.vstack([self.spreads, np.zeros((n, self.spreads.shape[1]))])
-        unknown = ((0, n), (0, 0), (0, 0))
-        self.errors = [np.pad(e, unknown, constant_values=np.nan) for e in self.errors]
+    @cached_property
+    def decoupled(self) -> Array:
+        """Features (m, k) with every signal taken from another time of its recording."""
+        pieces = np.split(self.X, np.searchsorted(self.rows, self._starts[1:-1]))
+        return np.concatenate([decoupled(piece, self.features) for piece in pieces])
 
     def split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit uses, few enough, and rows that are judged."""
-        hidden, judged = [], []
-        for index, (t, kept) in enumerate(zip(self.times, self.kept, strict=True)):
-            parts = [part for part in fold.parts if part.recording == index]
-            hidden.append(hidden_rows(t, parts)[kept])
-            masks = [part.rows(len(t))[kept] for part in parts]
-            judged.append(np.any([np.zeros(len(kept), dtype=bool), *masks], axis=0))
-        training = np.flatnonzero(self.has_target & ~np.concatenate(hidden))
-        test = np.flatnonzero(self.has_target & np.concatenate(judged))
+        hidden, judged = (
+            np.concatenate([
+                hidden_rows(part.t, fold.parts, index, gap) for index, part in enumerate(self.parts)
+            ])[self.rows]
+            for gap in (GAP, 0.0)
+        )  # fmt: skip
+        training = _spread(np.flatnonzero(self.has_target & ~hidden), FITTED_ROWS)
+        test = _spread(np.flatnonzero(self.has_target & judged), _JUDGED)
         if not len(test):
             raise CalibrationError(f"no row of {fold.name} has a known truth")
-        return _spread(training, FITTED_ROWS), _spread(test, _JUDGED)
+        return training, test
 
     @property
     def usable(self) -> Mask:
@@ -189,9 +164,16 @@ class CrossValidation:
 
         Where no simple model does, as may be of a position, the linear one counts as if it did.
         """
-        usable = np.asarray(self.spreads <= _FURTHEST)
+        n_joints = self.targets.shape[1]
+        spreads = [np.broadcast_to(candidate.spread, n_joints) for candidate in self.candidates]
+        usable = np.asarray(np.array(spreads) <= _FURTHEST)
         usable[0] |= ~usable[: self.n_simple].any(axis=0)
         return usable
+
+    @property
+    def n_simple(self) -> int:
+        """How many of the candidates, the first, are simple models."""
+        return sum(candidate.is_simple for candidate in self.candidates)
 
     @property
     def alone(self) -> Array:
@@ -207,8 +189,7 @@ class CrossValidation:
     @property
     def belief(self) -> Array:
         """Weights (n_candidates,) that are believed in before: half and half of a pair, or none."""
-        pair = [c.is_believed and not c.bears_load and self.stands(k)
-                for k, c in enumerate(self.candidates)]  # fmt: skip
+        pair = [c.is_believed and not c.bears_load and self.stands(c) for c in self.candidates]
         return np.array(pair) * (0.5 if sum(pair) == 2 else 0.0)
 
     @property
@@ -219,18 +200,16 @@ class CrossValidation:
         again as the best, only such: what is left out may have known no load.
         """
         eligible = self.usable
-        bearing = [k for k, c in enumerate(self.candidates) if c.bears_load and self.stands(k)]
-        if bearing:
+        bearing = np.array([c.bears_load and self.stands(c) for c in self.candidates])
+        if bearing.any():
             squares = np.where(eligible & np.isfinite(self.alone), self.alone, np.inf)
-            pairs = zip(squares.T, self.yardstick.T, strict=True)
-            expected = np.array([relative_error(*pair) for pair in pairs]).T
+            expected = relative_error(squares, self.yardstick[:, None])
             has_one = expected[bearing].min(axis=0) <= _BEARS * expected.min(axis=0)
-            eligible &= ~has_one | np.isin(np.arange(len(eligible)), bearing)[:, None]
+            eligible &= ~has_one | bearing[:, None]
         return eligible
 
-    def stands(self, number: int) -> bool:
+    def stands(self, candidate: Candidate) -> bool:
         """Whether a candidate is not given up, and was fitted without half of the folds or more."""
-        candidate = self.candidates[number]
         return not candidate.note and 2 * len(candidate.folds) >= len(self.products)
 
     def weights(self, without: int | None = None) -> Array:
@@ -245,7 +224,7 @@ class CrossValidation:
         relative = np.mean(np.array(self.products)[folds] / scales, axis=0)
         for number, candidate in enumerate(self.candidates):
             is_raw = isinstance(candidate.model, Raw)  # an offset is one anyhow
-            if is_raw or not (candidate.is_member and self.stands(number)):
+            if is_raw or not (candidate.is_member and self.stands(candidate)):
                 relative[:, number] = np.nan
         relative[~self.eligible.T] = np.nan
         belief = self.belief
@@ -262,88 +241,88 @@ class CrossValidation:
         """
         eligible, alone, weights = self.eligible, self.alone, self.weights()
         errors = np.empty((len(self.products), weights.shape[1]))
-        for fold, product in enumerate(self.products):
+        for fold, products in enumerate(self.products):
             w = self.weights(without=fold)
             weighs = w.T[:, :, None] * w.T[:, None, :] > 0.0  # the others may be NaN
-            errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
-        members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(k)]
-        for joint in range(weights.shape[1]):
+            errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, products, 0.0), w)
+        members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(c)]
+        for joint, yardstick in enumerate(self.yardstick.T):
             numbers = [k for k in members if eligible[k, joint]]
             options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
-            squares = np.vstack([alone[:, numbers, joint].T, errors[:, joint]])
-            yardstick = self.yardstick[:, joint]
-            expected, mean = relative_error(squares, yardstick), len(numbers)
+            squares = np.column_stack([alone[:, numbers, joint], errors[:, joint]])
+            expected, mean = relative_error(squares, yardstick[:, None]), len(numbers)
             names = [self.candidates[k].model.name for k in numbers]
-            learnt = np.array([name not in (RAW, OFFSET) for name in names] + [True])
+            learnt = [*(name not in (RAW, OFFSET) for name in names), True]
             best = int(np.argmin(np.where(learnt, expected, np.inf)))
             least, idle = expected[best], int(np.argmin(expected))
-            if not learnt[idle] and is_harmed(squares[best], squares[idle], yardstick):
+            if not learnt[idle] and is_harmed(squares[:, [best, idle]], yardstick):
                 best = idle
             elif numbers[0] == 0 and expected[0] <= (1.0 + _EQUAL) * least:
                 best = 0
             elif expected[mean] <= (1.0 + _MEAN) * least or self.belief.any():
                 best = mean
-            weights[:, joint], errors[:, joint] = options[best], squares[best]
+            weights[:, joint], errors[:, joint] = options[best], squares[:, best]
         return weights, errors
+
+    def best(self) -> tuple[Array, Array]:
+        """Give what errs least, as `combined` gives it, or what only works offline."""
+        options = [self.combined()]
+        for number, candidate in enumerate(self.candidates):
+            if not candidate.is_member and self.stands(candidate) and self.usable[number].all():
+                weights = np.zeros((len(self.candidates), self.targets.shape[1]))
+                weights[number] = 1.0
+                options.append((weights, self.alone[:, number]))
+
+        return min(options, key=lambda o: float(relative_error(o[1], self.yardstick).mean()))
 
     def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
-        if len(self.products) < TRIED_ON:
+        if len(self.products) < _TRIED_ON:
             return
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
-        unneeded = (worse > math.log1p(_HOPELESS)).all(axis=1)
-        is_idle = ~self.weights().any(axis=1)
-        unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & is_idle
-        for number in np.flatnonzero(is_idle):  # of one model the features that do best
-            name = self.candidates[number].model.name
-            same = [k for k, c in enumerate(self.candidates) if c.model.name == name]
-            unneeded[number] |= (worse[same] < worse[number]).all(axis=1).any()
-        for candidate in (self.candidates[k] for k in np.flatnonzero(unneeded)):
-            stays = candidate.is_simple or candidate.is_believed
-            is_tried = candidate.is_member and not candidate.note and not stays
-            if is_tried and len(candidate.folds) >= min(TRIED_ON, len(self.products)):
-                candidate.give_up()
+        is_idle = ~np.asarray(self.weights().any(axis=1))
+        names = np.array([candidate.model.name for candidate in self.candidates])
+        for number, candidate in enumerate(self.candidates):
+            is_beaten = (worse[names == names[number]] < worse[number]).all(axis=1).any()
+            is_worse, is_hopeless = (
+                (worse[number] > math.log1p(share)).all() for share in (_WORSE, _HOPELESS)
+            )
+            is_needed = not (is_hopeless or (is_idle[number] and (is_worse or is_beaten)))
+            stays = candidate.is_simple or candidate.is_believed or not candidate.is_member
+            if not (is_needed or stays or candidate.note) and len(candidate.folds) >= _TRIED_ON:
+                candidate.note = f"given up after {len(candidate.folds)} folds"
 
     def keep_within(self, seconds: float, n_folds: int) -> bool:
         """Whether so many more folds can be tried in so many seconds, or it is too early to tell.
 
         What takes longest of the candidates that no joint needs so far is given up first.
         """
-        is_idle = ~self.weights().any(axis=1)
-        active = [c for c in self.candidates if not c.note and c.folds]
-        times = {id(c): n_folds * c.seconds / len(c.folds) for c in active}
-        idle = [self.candidates[k] for k in np.flatnonzero(is_idle) if self.candidates[k] in active]
-        for candidate in sorted(idle, key=lambda c: -times[id(c)]):
-            if sum(times.values()) <= seconds:
+        times = {c: c.seconds / len(c.folds) for c in self.candidates if not c.note and c.folds}
+        needed = dict(zip(self.candidates, np.asarray(self.weights().any(axis=1)), strict=True))
+        idle = [c for c in times if not (needed[c] or c.is_simple)]
+        for candidate in sorted(idle, key=lambda c: -times[c]):
+            if n_folds * sum(times.values()) <= seconds:
                 break
-            if not candidate.is_simple:
-                candidate.give_up(f"cut: {candidate.seconds / len(candidate.folds):.1f} s a part")
-                del times[id(candidate)]
-        return len(self.products) < _LEAST_FOLDS or sum(times.values()) / n_folds <= seconds
+            candidate.note = f"cut: {times.pop(candidate):.1f} s a part"
+        return len(self.products) < _LEAST_FOLDS or sum(times.values()) <= seconds
 
 
 def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) -> None:
     """Fit what is not given up without a fold, of this `number`, and set down its errors there.
 
-    Of a fold that was tried before, candidates that it has not seen are. `say` is called with the
-    share of candidates done, and what is fitted next. Raises CalibrationError, and adds nothing, if
-    the linear model cannot be fitted.
+    Of a fold that was tried before, only what it has not seen. Raises CalibrationError, and adds
+    nothing, if the linear model cannot be fitted.
     """
     training, test = table.split(fold)
-    is_new = number == len(table.errors)
-    errors = np.full((len(table.candidates), len(test), table.targets.shape[1]), np.nan)
-    if not is_new:
-        errors = table.errors[number]
     for place, candidate in enumerate(table.candidates):
-        if candidate.note or np.isfinite(errors[place]).any():
+        if candidate.note or number in candidate.errors:
             continue
         say(place / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
         began = time.process_time()
         try:
-            predicted, spread = _predict(candidate, table, training, test)
-            errors[place] = table.targets[test] - predicted
-            table.spreads[place] = np.maximum(table.spreads[place], spread)
+            predicted = _predict(candidate, table, training, test)
+            candidate.errors[number] = table.targets[test] - predicted
             candidate.folds.append(number)
         except CalibrationError as reason:
             if place == 0:
@@ -353,27 +332,29 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
             else:
                 candidate.lacking = str(reason)
                 # Other folds may show what it does: here the best simple model stands in.
-                simple, usable = errors[: table.n_simple], table.usable[: table.n_simple]
-                square = np.where(usable, np.mean(simple**2, axis=1), np.inf)
-                best = np.nanargmin(square, axis=0)
-                errors[place] = simple[best, :, np.arange(len(best))].T
+                fitted = [k for k in range(table.n_simple) if number in table.candidates[k].errors]
+                simple = np.array([table.candidates[k].errors[number] for k in fitted])
+                square = np.where(table.usable[fitted], np.mean(simple**2, axis=1), np.inf)
+                best = np.argmin(square, axis=0)
+                candidate.errors[number] = simple[best, :, np.arange(len(best))].T
         candidate.seconds += time.process_time() - began
-    products = np.einsum("mnj,pnj->jmp", errors, errors) / len(test)
+    untried = np.full((len(test), table.targets.shape[1]), np.nan)
+    errors = np.array([candidate.errors.get(number, untried) for candidate in table.candidates])
+    is_new = number == len(table.products)
+    table.products[number:] = [
+        np.einsum("mnj,pnj->jmp", errors, errors) / len(test), *table.products[number + 1 :]
+    ]  # fmt: skip
     if is_new:
-        table.errors.append(errors)
-        table.products.append(products)
         table.give_up_hopeless()
-    else:
-        table.errors[number], table.products[number] = errors, products
 
 
 def _predict(
     candidate: Candidate, table: CrossValidation, training: Integers, test: Integers
-) -> tuple[Array, Array]:
+) -> Array:
     """Fit to the rows `training`, settle what that determined, and predict the rows `test`.
 
-    And how widely (n_joints,) predictions spread where signals come apart, in deviations of the
-    targets; that is not asked of more than two recordings.
+    And see how widely predictions spread where signals come apart, in deviations of the targets;
+    that is not asked of more than two recordings.
     """
     model = candidate.bounded(table.features.names)
     needed = model.minimum_rows(len(candidate.features))
@@ -382,16 +363,14 @@ def _predict(
             f"{len(training)} rows with truth beside a part left out; {model.name} needs {needed}: "
             "record for longer, or choose fewer features"
         )
-    measured = table.measured if candidate.target == "position" else np.zeros((1, 1))
+    measured = table.measured * (candidate.target == "position")
     values = table.targets + measured
     if model.family.remembers:
         targets = np.full_like(values, np.nan)
         targets[training] = values[training]
-        loads = [
-            fit_task.known_loads(recording, model.truth_beside())[kept]
-            for recording, kept in zip(table.recordings, table.kept, strict=True)
-        ]
-        model.fit(table.X, targets, None, table.dt, np.concatenate(loads))
+        names = model.truth_beside()
+        loads = np.concatenate([fit_task.known_loads(p.recording, names) for p in table.parts])
+        model.fit(table.X, targets, None, table.dt, loads[table.rows])
         history = np.cumsum(table.dt == 0.0)
         run = np.isin(history, history[test])  # what runs before it does not matter
         predicted = model.evaluate(table.X[run], table.dt[run])
@@ -399,25 +378,22 @@ def _predict(
     else:
         model.fit(table.X[training], values[training])
         predicted = model.evaluate(np.ascontiguousarray(table.X[test]))
-    spread = np.zeros(predicted.shape[1])
-    if len(table.times) < FEW and model.name not in (RAW, OFFSET):  # of no signal
+    if len(table.parts) < FEW and model.name not in (RAW, OFFSET):  # of no signal
         targets = values[table.has_target]
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
-        spread = np.sqrt(np.mean(far**2, axis=0))
-    candidate.is_member, candidate.model = (
-        model.member_.family.row is not None,
-        model.member_.settled(),
-    )
-    return predicted - (measured[test] if candidate.target == "position" else 0.0), spread
+        candidate.spread = np.maximum(candidate.spread, np.sqrt(np.mean(far**2, axis=0)))
+    candidate.is_member = model.member_.family.row is not None
+    candidate.model = model.member_.settled()
+    return np.asarray(predicted - measured[test])
 
 
 def decoupled(features: Array, feature_set: FeatureSet) -> Array:
     """Features (n, k) of one recording with every signal taken from another time of it.
 
-    All features of a signal are moved alike, by so many equal shares of the recording as there are
-    signals, and go round at its end. Sensors that all follow one joint cannot come apart and count
-    as one signal: those of its channel and, where a single joint is measured, of its cables.
+    All features of a signal move alike, by a share of the recording, and go round at its end.
+    Sensors that follow one joint cannot come apart and count as one signal: those of its channel
+    and, where a single joint is measured, of its cables.
     """
     joints = {signal for signal in feature_set.signals if signal.startswith("measured/")}
 
@@ -454,10 +430,9 @@ def _spread(rows: Integers, most: int) -> Integers:
 def stacking_weights(products: Array, belief: Array | None = None) -> Array:
     """Weights (m,), not negative and of sum 1, of the least mean square of the weighted errors.
 
-    `products` (m, m) are the means of the products of two estimators' errors, NaN for those that
-    are left out. Weights that are believed in before, `belief` (m,), of sum 1, hold them back as
-    ridge regression does: squares of what they differ by count `_BELIEF` times the mean square
-    error of these.
+    `products` (m, m) are mean products of two estimators' errors, NaN for those left out. Weights
+    believed in before, `belief` (m,), of sum 1, hold them back as ridge regression does: squares of
+    what they differ by count `_BELIEF` times the mean square error of these.
     """
     weights, held = np.zeros(len(products)), np.zeros(len(products)) if belief is None else belief
     members = np.flatnonzero(np.isfinite(np.diag(products)))
@@ -480,12 +455,10 @@ def stacking_weights(products: Array, belief: Array | None = None) -> Array:
         members = members[large]
 
 
-def is_better(ratios: Array) -> bool:
-    """Whether errors are smaller without doubt; `ratios` (n_folds,) are of logarithms."""
-    if len(ratios) < 2:
-        return False
-    mean, error = ratios.mean(), ratios.std(ddof=1) / math.sqrt(len(ratios))
-    return bool(mean <= GAIN and mean + _ERRORS * error < 0.0)
+def mean_and_error(values: Array) -> tuple[float, float]:
+    """Mean of values (n,) and its standard error, 0 where there is one alone."""
+    n = len(values)
+    return float(values.mean()), float(values.std(ddof=1)) / math.sqrt(n) if n > 1 else 0.0
 
 
 def log_ratio(square: Array, other: Array) -> Array:
@@ -493,21 +466,20 @@ def log_ratio(square: Array, other: Array) -> Array:
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
 
 
-def is_harmed(square: Array, idle: Array, yardstick: Array) -> bool:
-    """Whether a correction's errors, of squares (n_folds,), are larger than those without it.
+def is_harmed(squares: Array, yardstick: Array) -> bool:
+    """Whether a correction's errors are larger than those without it, of `squares` (n_folds, 2).
 
     By more than the standard error of the mean difference, each fold relative to its yardstick.
     """
-    sides = (np.sqrt(each / np.maximum(yardstick, _TINY)) for each in (square, idle))
-    worse = np.subtract(*sides)
-    error = worse.std(ddof=1) / math.sqrt(len(worse)) if len(worse) > 1 else 0.0
-    return bool(worse.mean() > error)
+    sides = np.sqrt(squares.T / np.maximum(yardstick, _TINY))
+    mean, error = mean_and_error(np.subtract(*sides))
+    return mean > error
 
 
 def relative_error(squares: Array, yardstick: Array) -> Array:
-    """Mean over folds of the root of `squares` (n, n_folds) over that of `yardstick` (n_folds,)."""
+    """Mean over folds, the first axis, of the root of `squares` over that of the yardstick."""
     ratios = np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)
-    return np.asarray(np.sqrt(ratios).mean(axis=1))
+    return np.asarray(np.sqrt(ratios).mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,27 +487,23 @@ class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these: see `truejoint.calibration.folds.folds`. All stand in one table, whatever
-    features they see, held to the range that they were fitted to (`truejoint.estimators.Bounded`).
-    A joint is given what has the least expected error there: a mean of several (Breiman, Stacked
+    and judged on these, held to the range that it was fitted to (`truejoint.estimators.Bounded`). A
+    joint is given what has the least expected error there: a mean of several (Breiman, Stacked
     regressions, Machine Learning 24, 1996) or one alone; raw position and offset where every
     correction did harm. The fits that serve the choice see six thousand rows; what is chosen is
-    fitted to all. What was tried stands in the metadata under ``choice``. Where no features are
-    asked for, the default ones are tried, every measured position and effort, and these with every
-    motor current or cable, of what all recordings have; then, of three recordings or more whose
-    rows are at most 0.1 s apart, what has a weight once more, with the rates of the measured
-    positions beside.
+    fitted to all. What was tried stands in the metadata under ``choice``.
 
-    A brief truth may set the zero of a recording to come. Of three recordings or more the choice
-    judges besides whether, once each that is left out is re-zeroed from its first 2 s, a fit with a
-    zero for each recording is better: see `validate_zeros`. It is then kept beside the other, as
-    ``zero="recording"`` of `calibrate` does it; ``zero="shared"`` leaves that out.
+    Where no features are asked for, the default ones are tried, every measured position and effort,
+    and these with every motor current or cable, of what all recordings have; then, of three
+    recordings or more whose rows are at most 0.1 s apart, what has a weight once more, with the
+    rates of the measured positions beside.
 
-    Parts of one or two recordings cannot tell what each of several signals does that always moved
-    together, and a model that sets one against the other fails in the next motion. There each fit
-    is shown the same rows with every signal taken from another time: a candidate whose predictions
-    then spread, about the mean of the targets, twice as widely as the targets is not used for that
-    joint.
+    Of three recordings or more the choice judges besides whether, once each that is left out is
+    re-zeroed from its first 2 s, a fit with a zero for each recording is better. It is then kept
+    beside the other, as ``zero="recording"`` of `calibrate` does it; ``zero="shared"`` leaves that
+    out. Parts of one or two cannot tell what each of several signals does that always moved
+    together: there a candidate whose predictions spread twice as widely as the targets, with every
+    signal taken from another time, is not used for that joint.
 
     Parameters
     ----------
@@ -575,14 +543,6 @@ class Automatic:
         return say
 
 
-@dataclass(frozen=True, eq=False)
-class _Option:
-    """What may be chosen: weights of the candidates, and their errors."""
-
-    weights: Array  # (n_candidates, n_joints)
-    square: Array  # (n_folds, n_joints), mean square error
-
-
 def choose(
     recordings: Sequence[Recording],
     automatic: Automatic,
@@ -595,10 +555,9 @@ def choose(
 ) -> tuple[JointRegressor, FeatureSet, Target, dict[str, Any]]:
     """Choose as `Automatic` says, among models of all sets of features.
 
-    Gives what was chosen, unfitted, what it is fitted to, and the evidence, as JSON values.
-
-    A fold without which the linear model of the first features cannot be fitted is passed over;
-    raises CalibrationError if that is every one.
+    Gives what was chosen, unfitted, what it is fitted to, and the evidence, as JSON values. A fold
+    without which the linear model of the first features cannot be fitted is passed over; raises
+    CalibrationError if that is every one.
     """
     robot = compatibility.common_robot(recordings)
     names = compatibility.chosen_joints(robot, recordings, joints)
@@ -615,39 +574,47 @@ def choose(
         columns = [[n for n in units if n.split("/")[0] in quantities] for quantities in _MORE]
         sets += [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]
     tried = _candidates(models, robot, recordings, names, sets, target)
-    outlying = fit_task.outlying_values(recordings, names)
     gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
     stride, sizes = fit_task.stride_of(fit_rate, dt), [len(recording) for recording in recordings]
     tries_rates = features is None and len(recordings) >= FEW and dt <= _RATE_DT
-    rates = [f"rate({n}, {_RATE_TIME:g})" for n in sets[-1].names if n.startswith("measured/")]
     union = dict.fromkeys(name for candidate in tried for name in candidate.features)
-    feature_set = FeatureSet.parse([*union, *(rates if tries_rates else ())])
+    feature_set = FeatureSet.parse([*union, *(_rates(sets[-1].names) if tries_rates else ())])
     counts = any(candidate.model.family.counts_samples for candidate in tried)
     most = max(sizes) if counts else share_of(sizes, MOST_ROWS)
-    parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
+    parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride)
     table = CrossValidation(parts, tried, most)
 
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
-    say, seconds = automatic.say(progress), _CHOICE_SHARE * automatic.seconds
-    ends = time.process_time() + seconds
+    say = automatic.say(progress)
+    ends = time.process_time() + _CHOICE_SHARE * automatic.seconds
     judged = _validated(table, left_out, ends, fit_task.within(say, 0.0, share))
-    chosen = _best(table)
+    chosen = table.best()
     if tries_rates and len(judged) > 1 and time.process_time() < ends:
-        in_use = [table.candidates[k] for k in np.flatnonzero(chosen.weights.any(axis=1))]
-        free = [
-            c for c in in_use if not c.model.family.inputs and c.model.name not in (RAW, OFFSET)
-        ]
-        table.add(_with_rates(free, robot, names))
+        for number in np.flatnonzero(
+            chosen[0].any(axis=1)
+        ).tolist():  # once more, with rates beside
+            model, positions = tried[number].model, tried[number].features
+            if not model.family.inputs and model.name not in (RAW, OFFSET):
+                more = (*positions, *_rates(positions))
+                model = model.for_features(more, robot, names)
+                table.candidates.append(Candidate(model, more, tried[number].target))
         rest = fit_task.within(say, share, 1.0 - share)
         for number, fold in enumerate(judged):
             cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
-        chosen = _best(table)
+        chosen = table.best()
     say(1.0, "Fitting what was chosen")
-    evidence = _evidence(table, chosen, judged, names)
-    evidence["not_in_all"] = [n for n in named if features is None and n not in usual.names]
-    evidence["not_judged"] = [fold.name for fold in left_out if fold not in judged]
-    return *_estimator(table, chosen, names), evidence
+    evidence = _evidence(table, *chosen, names) | {
+        "left_out": [fold.name for fold in judged],
+        "not_in_all": [n for n in named if features is None and n not in usual.names],
+        "not_judged": [fold.name for fold in left_out if fold not in judged],
+    }
+    return *_estimator(table, chosen[0], names), evidence
+
+
+def _rates(names: Iterable[str]) -> list[str]:
+    """Give the rates of the measured positions among features."""
+    return [f"rate({name}, {_RATE_TIME:g})" for name in names if name.startswith("measured/")]
 
 
 def _candidates(
@@ -662,57 +629,40 @@ def _candidates(
 
     Or on features of its own, where the recordings have them.
     """
-    usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
-    simple = [model for model in usual if (target or TARGETS[0]) in model.family.targets]
-    tried = [
-        Candidate(model.for_features(sets[0].names, robot, joints), sets[0].names,
-                  target or TARGETS[0], is_simple=True)
-        for model in simple
-    ]  # fmt: skip
-    tried_on = {(candidate.model.name, frozenset(sets[0].names)) for candidate in tried}
+    first, tried = sets[0].names, dict[tuple[str, frozenset[str]], Candidate]()
+    for model in (get_estimator(LINEAR), get_estimator(OFFSET), Raw()):
+        predicts = target or TARGETS[0]
+        if predicts in model.family.targets:
+            prepared = model.for_features(first, robot, joints)
+            tried[model.name, frozenset(first)] = Candidate(prepared, first, predicts, True)
     others = [model for model in models if model.name != OFFSET]
-    for features in sets:
-        for model in others:
-            inputs = model.family.inputs
-            predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
-            if predicts not in model.family.targets:
-                continue
-            try:
-                prepared = model.for_recordings(recordings)
-                asked = features if inputs is None else None
-                names = compatibility.chosen_features(prepared, robot, recordings, asked).names
-            except CalibrationError:
-                if inputs is None:
-                    raise
-                continue  # they lack what it takes
-            if (model.name, frozenset(names)) not in tried_on:
-                tried_on.add((model.name, frozenset(names)))
-                prepared = prepared.for_features(names, robot, joints)
-                tried.append(Candidate(prepared, names, predicts))
-    if others and not {m.name for m in others} & {name for name, _ in tried_on}:
+    for features, model in product(sets, others):
+        inputs = model.family.inputs
+        predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
+        if predicts not in model.family.targets:
+            continue
+        try:
+            prepared = model.for_recordings(recordings)
+            asked = features if inputs is None else None
+            names = compatibility.chosen_features(prepared, robot, recordings, asked).names
+        except CalibrationError:
+            if inputs is None:
+                raise
+            continue  # they lack what it takes
+        if (key := (model.name, frozenset(names))) not in tried:
+            prepared = prepared.for_features(names, robot, joints)
+            tried[key] = Candidate(prepared, names, predicts)
+    if others and not {model.name for model in others} & {name for name, _ in tried}:
         raise CalibrationError(
             f"none of {', '.join(m.name for m in models)} can be tried: the recordings lack what "
             f"they take, or they predict no {target or TARGETS[0]}; give other candidates"
         )
-    believed = [candidate for candidate in tried if candidate.model.name == FILTER_WITH_TREES]
-    beside = [candidate for candidate in tried if candidate.model.name == BESIDE_FILTER]
-    bearing = [candidate for candidate in tried if candidate.bears_load]
-    for candidate in [*bearing, *believed, *(beside[:1] if believed else ())]:
+    made = [c for (name, _), c in tried.items() if name == FILTER_WITH_TREES]
+    beside = [c for (name, _), c in tried.items() if name == BESIDE_FILTER]
+    bearing = [candidate for candidate in tried.values() if candidate.bears_load]
+    for candidate in [*bearing, *made, *(beside[:1] if made else ())]:
         candidate.is_believed = True
-    return tried
-
-
-def _with_rates(
-    candidates: Sequence[Candidate], robot: Robot, joints: tuple[str, ...]
-) -> list[Candidate]:
-    """Give the same models with the rates of the measured positions beside."""
-    extended = []
-    for candidate in candidates:
-        positions = [name for name in candidate.features if name.startswith("measured/")]
-        features = (*candidate.features, *(f"rate({name}, {_RATE_TIME:g})" for name in positions))
-        model = candidate.model.for_features(features, robot, joints)
-        extended.append(Candidate(model, features, candidate.target))
-    return extended
+    return list(tried.values())
 
 
 def _validated(
@@ -734,94 +684,58 @@ def _validated(
     return judged
 
 
-def _best(table: CrossValidation) -> _Option:
-    """Give what errs least by `CrossValidation.combined`, or what only works offline."""
-    options = [_Option(*table.combined())]
-    for number, candidate in enumerate(table.candidates):
-        if not candidate.is_member and table.stands(number) and table.usable[number].all():
-            alone = np.zeros_like(options[0].weights)
-            alone[number] = 1.0
-            options.append(_Option(alone, table.alone[:, number]))
-    yardstick = table.yardstick.T
-
-    def expected(option: _Option) -> float:
-        return float(relative_error(option.square.T[:, None], yardstick).mean())
-
-    return min(options, key=expected)
-
-
 def _estimator(
-    table: CrossValidation, chosen: _Option, joints: Sequence[str]
+    table: CrossValidation, weights: Array, joints: Sequence[str]
 ) -> tuple[JointRegressor, FeatureSet, Target]:
     """Unfitted estimator that was chosen, of the features that it needs, and what it predicts."""
-    in_use = chosen.weights.any(axis=1)
+    in_use = weights.any(axis=1)
     members = [table.candidates[k] for k in np.flatnonzero(in_use)]
-    if len(members) == 1 and (
-        members[0].is_simple or members[0].model.family.inputs or not members[0].is_member
-    ):
-        return members[0].model, FeatureSet.parse(members[0].features), members[0].target
+    first = members[0]
+    is_bare = first.is_simple or first.model.family.inputs or not first.is_member
+    if len(members) == 1 and is_bare:
+        return first.model, FeatureSet.parse(first.features), first.target
     mixed = len({member.target for member in members}) > 1
     measured = tuple(f"measured/{joint}" for joint in joints) if mixed else ()
     names = tuple(dict.fromkeys([*(n for c in members for n in c.features), *measured]))
     bounded = [c.bounded(names, measured if c.target == "error" else ()) for c in members]
-    weights = tuple(map(tuple, chosen.weights[in_use].tolist()))
-    target: Target = "position" if mixed else members[0].target
-    estimator = bounded[0] if len(members) == 1 else Stack(tuple(bounded), weights)
+    shares = tuple(map(tuple, weights[in_use].tolist()))
+    target: Target = "position" if mixed else first.target
+    estimator = bounded[0] if len(members) == 1 else Stack(tuple(bounded), shares)
     return estimator, FeatureSet.parse(names), target
 
 
 def _evidence(
-    table: CrossValidation, chosen: _Option, judged: Sequence[Fold], joints: Sequence[str]
+    table: CrossValidation, weights: Array, square: Array, joints: Sequence[str]
 ) -> dict[str, Any]:
-    """JSON values of what was tried and chosen; the first candidate is linear."""
-    reference = table.alone[:, 0]
-    return {
-        "reference": LINEAR,
-        "left_out": [fold.name for fold in judged],
-        "chosen": {
-            "rmse": by_joint(joints, chosen.square),
-            "median": by_joint(joints, np.median(chosen.square, axis=0, keepdims=True)),
-            **_ratio(log_ratio(chosen.square, reference)),
-        },
-        "tried": [
-            _entry(table, number, reference, joints, chosen)
-            for number in range(len(table.candidates))
-        ],
-    }
+    """JSON values of what was tried and chosen; the first candidate is linear.
 
-
-def _entry(
-    table: CrossValidation, number: int, reference: Array, joints: Sequence[str], chosen: _Option
-) -> dict[str, Any]:
-    """Errors of one candidate: RMSE [rad or m] over folds, ratio to linear, its weights.
-
-    Of the folds that it was fitted without: on others it has the error of a simple model.
+    Errors are RMSE [rad or m] over folds and ratios to linear: of a candidate those of the folds
+    that it was fitted without, as on others it has the error of a simple model.
     """
-    candidate, square = table.candidates[number], table.alone[:, number]
-    coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
-    together = f"needs signals that move together: {', '.join(coupled)}" if coupled else ""
-    entry: dict[str, Any] = {
-        "estimator": candidate.model.name,
-        "features": list(candidate.features),
-        "folds": len(candidate.folds),
-        "seconds": round(candidate.seconds, 3),
-        "weights": dict(zip(joints, chosen.weights[number].tolist(), strict=True)),
-        "note": together or candidate.note or candidate.lacking,
-    }
-    tried = [fold for fold in candidate.folds if np.isfinite(square[fold]).all()]
-    if tried:
-        entry["rmse"] = by_joint(joints, square[tried])
-        entry |= _ratio(log_ratio(square[tried], reference[tried]))
-    return entry
+    alone, usable, tried = table.alone, table.usable, []
+    for number, candidate in enumerate(table.candidates):
+        coupled = [j for j, good in zip(joints, usable[number], strict=True) if not good]
+        together = f"needs signals that move together: {', '.join(coupled)}" if coupled else ""
+        judged = [fold for fold in candidate.folds if np.isfinite(alone[fold, number]).all()]
+        tried.append({
+            "estimator": candidate.model.name,
+            "features": list(candidate.features),
+            "folds": len(candidate.folds),
+            "seconds": round(candidate.seconds, 3),
+            "weights": dict(zip(joints, weights[number].tolist(), strict=True)),
+            "note": together or candidate.note or candidate.lacking,
+            **(_errors(alone[judged, number], alone[judged, 0], joints) if judged else {}),
+        })  # fmt: skip
+    median = by_joint(joints, np.median(square, axis=0, keepdims=True))
+    chosen = {**_errors(square, alone[:, 0], joints), "median": median}
+    return {"reference": LINEAR, "chosen": chosen, "tried": tried}
 
 
-def _ratio(ratios: Array) -> dict[str, float]:
-    """Ratio of errors to those of the linear model, mean over folds and joints; its error."""
-    by_fold = ratios.mean(axis=1)
-    verdict = {"ratio": math.exp(by_fold.mean())}
-    if len(by_fold) > 1:
-        verdict["standard_error"] = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
-    return verdict
+def _errors(square: Array, reference: Array, joints: Sequence[str]) -> dict[str, Any]:
+    """RMSE by joint of mean squares (n_folds, n_joints), and their ratio to those of linear."""
+    mean, error = mean_and_error(log_ratio(square, reference).mean(axis=1))
+    entry = {"rmse": by_joint(joints, square), "ratio": math.exp(mean)}
+    return entry | ({"standard_error": error} if len(square) > 1 else {})
 
 
 def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
@@ -837,12 +751,10 @@ def validate_zeros(
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better without doubt, and how that was found, as JSON.
 
-    `fit_pair` fits to recordings of these indices, with one zero and with one for each.
-    Five of the folds at most, of whole recordings, are left out of a pair of fits each, and their
-    recordings are re-zeroed from the first seconds as `find_zero` gives it. A zero for each is
-    better where it beats one zero, re-zeroed or as it comes, by 10 % and two standard errors of the
-    mean in a joint, and is no worse on the average in any. `say` is told what is done and the share
-    of it.
+    `fit_pair` fits to recordings of these indices, with one zero and with one for each. At most
+    five folds of whole recordings are left out of a pair of fits each, and re-zeroed from their
+    first seconds. A zero for each is better where it beats one zero, re-zeroed or as it comes, by
+    10 % and two standard errors of the mean in a joint, and is no worse on the average in any.
     """
     began = time.perf_counter()
     stretch = min(_REZERO, _SHARE * min(part.recording.duration for part in parts))
@@ -853,20 +765,18 @@ def validate_zeros(
         if len(training) < 2:
             continue
         say(number / len(left_out), f"Judging a zero for each recording without {fold.name}")
-        testing = [parts[index] for index in fold.recordings]
+        errors: list[list[Array]] = [[], [], []]  # with one zero, with one for each, as it comes
         try:
             pair = fit_pair(training)
-            judgements = [[judged_error(fit, part, stretch) for part in testing] for fit in pair]
-            errors = [[error for error, _ in judgement] for judgement in judgements]
-            as_it_comes = [
-                known_error(pair[0], part)[0][rows]
-                for part, (_, rows) in zip(testing, judgements[0], strict=True)
-            ]
+            for part in (parts[index] for index in fold.recordings):
+                for fit, of_fit in zip(pair, errors, strict=False):
+                    error, rows = judged_error(fit, part, stretch)
+                    of_fit.append(error)
+                errors[2].append(known_error(pair[0], part)[0][rows])
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
-        every = (*errors, as_it_comes)
-        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in every])
+        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in errors])
         shared, separate, unmoved = np.moveaxis(np.array(squares), 1, 0)
         shared = np.minimum(shared, unmoved)
         ratios = log_ratio(separate, shared)
@@ -875,10 +785,12 @@ def validate_zeros(
             break
     if not squares:
         return False, {"kept": False, "note": "no part can be left out for it"}
-    is_better_fit = any(map(is_better, ratios.T)) and bool((ratios.mean(axis=0) <= 0.0).all())
+    gains = [mean_and_error(ratio) for ratio in ratios.T] if len(judged) > 1 else []
+    is_better = any(mean <= GAIN and mean + _ERRORS * error < 0.0 for mean, error in gains)
+    is_better = is_better and bool((means <= 0.0).all())
     joints = pair[0].joints
-    return is_better_fit, {
-        "kept": is_better_fit,
+    return is_better, {
+        "kept": is_better,
         "rezeroed_from": stretch,
         "left_out": judged,
         "shared": by_joint(joints, shared),

@@ -88,19 +88,17 @@ def chosen_joints(
     """Joints asked for, or the positioning joints of which each recording has the truth."""
     if joints is None:
         with_truth = set.intersection(*[set(r.joints_of("truth")) for r in recordings])
-        chosen = tuple([joint for joint in robot.positioning if joint in with_truth])
-        if not chosen:
-            raise CalibrationError(
-                f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
-                "; a calibration needs the true position of a joint that positions the tool"
-            )
+        chosen = tuple(joint for joint in robot.positioning if joint in with_truth)
+        missing = (
+            f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}; a "
+            "calibration needs the true position of a joint that positions the tool"
+        )
     else:
         chosen = tuple(dict.fromkeys([joints] if isinstance(joints, str) else joints))
         robot.index(chosen)
-        if not chosen:
-            raise CalibrationError(
-                f"no joints to correct; {robot.title} has {', '.join(robot.joint_names)}"
-            )
+        missing = f"no joints to correct; {robot.title} has {', '.join(robot.joint_names)}"
+    if not chosen:
+        raise CalibrationError(missing)
     needed = [f"{quantity}/{joint}" for quantity in ("measured", "truth") for joint in chosen]
     for recording in recordings:
         check_columns(recording, needed, f"calibration of {', '.join(chosen)} needs")
@@ -144,6 +142,6 @@ def common_units(
     for recording in recordings:
         check_units(recording, units, f"in {source_of(first)} in")
         for joint in joints:
-            measured = f"measured/{joint}"
-            check_units(recording, {f"truth/{joint}": units[measured]}, f"{measured!r} in")
+            name = f"measured/{joint}"
+            check_units(recording, {f"truth/{joint}": units[name]}, f"{name!r} in")
     return units

@@ -49,13 +49,11 @@ def with_interval(
     that may be arbitrarily bad stands for the trajectory to come; the half-width is the quantile
     of the scores at the stated level (Lee, Barber and Willett, arXiv:2306.06342).
 
-    What counts as one trajectory is what was recorded after one homing, where the recordings
-    span several homings and are not re-zeroed; otherwise it is one recording. Copies of a recording
-    count once.
+    A trajectory is what was recorded after one homing, where the recordings span several homings
+    and are not re-zeroed; otherwise one recording. Copies of a recording count once.
 
-    Where the calibration keeps an `EffortBaseline`, its size of errors becomes that of these
-    recordings, which the fit could not adapt to; so much is then believed of a zero, in the errors
-    that make the interval as in those to come.
+    The size of errors of an `EffortBaseline` becomes that of these recordings; so much is then
+    believed of a zero, in the errors that make the interval as in those to come.
 
     Parameters
     ----------
@@ -90,15 +88,13 @@ def with_interval(
                 f"{source_of(recording)} was used in the fit, so its errors are too small for an "
                 "interval; give recordings that the calibration has not seen"
             )
-    units = exchangeable_units(recordings, per_homing=rezero == 0.0)
-    possible = _possible_levels(levels, len(units))
+    groups = exchangeable_units(recordings, per_homing=rezero == 0.0)
+    possible = _possible_levels(levels, len(groups))
     used = calibration.for_rezeroing if rezero > 0.0 else calibration
-    parts = [rows_with_truth(used, recording) for recording in recordings]
-    calibration = knowing_errors(calibration, [(used, parts)])
-    used = replace(used, effort_baseline=calibration.effort_baseline)
-    scores = [trajectory_scores(used, part, rezero, growth) for part in parts]
-    joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
-    return _stating(calibration, joined, possible, recordings, growth=growth, rezero=rezero)
+    parts = folds.wholes(recordings)
+    units = [[parts[index] for index in group] for group in groups]
+    judges = [(used, folds.Fold("", tuple(parts)))]
+    return _stating(calibration, judges, recordings, units, possible, rezero=rezero, growth=growth)
 
 
 def _check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
@@ -125,28 +121,48 @@ def _possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
 
 def _stating(
     calibration: Calibration,
-    scores: Sequence[Array],
-    levels: Sequence[float],
+    judges: Sequence[tuple[Calibration, folds.Fold]],
     recordings: Sequence[Recording],
-    **how: float,
+    units: Sequence[Sequence[folds.Part]],
+    levels: Sequence[float],
+    **how: Any,
 ) -> Calibration:
-    """Calibration with the interval of the scores of each unit, as `trajectory_scores` gives them.
+    """Calibration with the interval of the errors of fits on the parts that each did not see.
 
-    One of re-zeroed positions belongs to the fit for re-zeroing, where there is one. `how` are
-    numbers of an `Interval`.
+    Errors of the parts of one of the `units` stand together; `how` are fields of `Interval`, which
+    belongs to the fit for re-zeroing, where there is one, if it is of re-zeroed positions.
     """
+    rezero, growth, by_fold, held_out = how["rezero"], how["growth"], [], []
+    for fit, fold in judges:
+        rows = {i: rows_with_truth(fit, recordings[i]) for i in fold.recordings}
+        parts: list[Recording | Rows] = [rows[part.recording] for part in fold.parts]
+        if how.get("cut"):
+            parts = [recordings[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
+        by_fold.append(rows)
+        held_out.append((fit, list(rows.values()) if how.get("whole") else parts))
+    calibration = knowing_errors(calibration, held_out)
+    by_part: dict[folds.Part, list[Array]] = {}
+    for rows, (fit, fold) in zip(by_fold, judges, strict=True):
+        used = replace(fit, effort_baseline=calibration.effort_baseline)
+        for part in fold.parts:
+            among = part.rows(len(rows[part.recording]))
+            score = trajectory_scores(used, rows[part.recording], rezero, growth, among)
+            by_part.setdefault(part, []).append(score)
+    scores = [np.concatenate([s for part in unit for s in by_part[part]], axis=2) for unit in units]
     model, offset, raw = (
         np.array([[conformal_threshold(joint, level) for joint in joints] for level in levels])
         for joints in (list(zip(*kind, strict=True)) for kind in zip(*scores, strict=True))
     )
-    homings = len({r.provenance.homing_id for r in recordings} - {""})
-    counts: dict[str, Any] = {"trajectories": len(scores), "homings": homings, **how}
-    interval = Interval(np.array(levels), model, offset, raw, **counts)
+    counts: dict[str, Any] = {
+        "trajectories": len(units),
+        "homings": len({r.provenance.homing_id for r in recordings} - {""}),
+    }
+    interval = Interval(np.array(levels), model, offset, raw, **counts, **how)
     origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
-    fit = calibration.rezeroed_fit
-    if interval.rezero > 0.0 and fit is not None:
-        fit = replace(fit, interval=interval)
-        return replace(calibration, rezeroed_fit=fit, interval=None, origin=origin)
+    again = calibration.rezeroed_fit
+    if rezero > 0.0 and again is not None:
+        again = replace(again, interval=interval)
+        return replace(calibration, rezeroed_fit=again, interval=None, origin=origin)
     return replace(calibration, interval=interval, origin=origin)
 
 
@@ -306,12 +322,10 @@ def cross_interval(
     """Fit as `calibrate` does, with an interval of the same recordings (cross-conformal).
 
     Two to six more fits do without some of the recordings each, and their errors on these make the
-    interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
-    same, and one more, infinitely bad, stands for that to come. From ten recordings on (or homings,
-    where the recordings span several) they are the trajectories, copies of one counting once.
-    Recordings that come in levels of speed, effort or stated mass are left out by level: a fit that
-    remembers loads would else be judged on loads that it knows
-    (`truejoint.calibration.folds.without_levels`).
+    interval, as those on unseen recordings do in `with_interval`. From ten recordings on (or
+    homings, where the recordings span several) they are the trajectories, copies of one counting
+    once. Recordings that come in levels of speed, effort or stated mass are left out by level: a
+    fit that remembers loads would else be judged on loads that it knows.
 
     Fewer than ten are cut into fifteen parts or more, five or more each, which are the
     trajectories. Two recordings (or homings) or more are left out whole all the same, unless one is
@@ -319,10 +333,9 @@ def cross_interval(
     of a part on either side. Parts of one recording say nothing of another day, and of n that
     differ no more than n of n + 1 can be promised for the next.
 
-    What is stated is to be expected of more recordings like these, as far as those fits err as
-    the fit of all does. That cannot be proved as for recordings that no fit saw; what can
-    (Barber et al., Annals of Statistics 49(1), 2021, theorem 4, for intervals that keep all
-    fits) is 80 % for a stated 90 %.
+    What is stated is to be expected of more recordings like these, as far as those fits err as the
+    fit of all does. What can be proved (Barber et al., Annals of Statistics 49(1), 2021, theorem 4,
+    for intervals that keep all fits) is 80 % for a stated 90 %.
 
     Parameters
     ----------
@@ -368,24 +381,11 @@ def cross_interval(
                 raise
     report(1.0)
     left_out, whole = plans[number]
-    held_out = [
-        [different[i] for i in fold.recordings]
-        if whole
-        else [different[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
-        for fold in left_out
-    ]
-    fitted = knowing_errors(fitted, list(zip(fits, held_out, strict=True)))
-    scores: dict[folds.Part, list[Array]] = {}
-    for fit, fold in zip(fits, left_out, strict=True):
-        used = replace(fit, effort_baseline=fitted.effort_baseline)
-        by_recording = {i: used.rows(different[i]) for i in fold.recordings}
-        for part in fold.parts:
-            rows = by_recording[part.recording]
-            score = trajectory_scores(used, rows, rezero, growth, part.rows(len(rows)))
-            scores.setdefault(part, []).append(score)
-    joined = [np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in units]
+    judges = list(zip(fits, left_out, strict=True))
     counts = {"folds": len(left_out), "cut": cut, "whole": whole}
-    return _stating(fitted, joined, possible, different, growth=growth, rezero=rezero, **counts)
+    return _stating(
+        fitted, judges, different, units, possible, rezero=rezero, growth=growth, **counts
+    )
 
 
 _Units = list[list[folds.Part]]

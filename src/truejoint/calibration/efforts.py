@@ -43,14 +43,12 @@ joint has not moved yet."""
 PAUSE: Final = 0.5
 """A joint that takes longer [s] for a step rests meanwhile."""
 
+# Rows of a joint's travel: position and time of the last step, its direction, travel since the
+# reversal and of the last step (in ranges); of its motion: position and time of the last step, time
+# when it was last seen, and for how long it has been in motion.
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
-N_TRAVEL: Final = 5
-
-# Rows of what is kept of a joint's motion: position and time of its last step, time when it was
-# last seen, and for how long it has been in motion.
 AT, SINCE, SEEN, IN_MOTION = 0, 1, 2, 3
-N_MOTION: Final = 4
-
+N_TRAVEL, N_MOTION = 5, 4
 
 _STARTS, _STARTS_EACH = 24, 3  # at least, in all recordings and in each
 _SMALLEST: Final = 1e-150  # [rad or m] of a deviation; its square is not 0 either
@@ -154,10 +152,8 @@ def travelled(
     """Speed [ranges/s] of joint `j` once it has moved one more step the same way, in range; else 0.
 
     Counting travel and not time makes it the same at any rate, and blind to standstill, where
-    static friction may hold any effort. `travel` (5, n_joints) is changed in place: position and
-    time of the last step, its direction, travel since the reversal, travel of the last step (in
-    ranges); NaN in the first row to start with. `position`, `lower` and `upper` (n_joints,) [rad or
-    m].
+    static friction may hold any effort. `travel` (5, n_joints), NaN in the first row to start with,
+    is changed in place; `position`, `lower` and `upper` (n_joints,) [rad or m].
     """
     if not np.isfinite(travel[ANCHOR, j]):
         travel[ANCHOR, j] = position[j]
@@ -188,9 +184,9 @@ def go_on_in_motion(j: int, t: float, position: float, step: float, motion: Arra
     """Time [s] for which joint `j` has been in motion by `t` [s], where it is at `position`.
 
     A joint is in motion while it goes by a `step` [rad or m] within half a second, or from one
-    sample to the next; else it rests, and friction holds what it held: its errors are one error,
-    however often they are read. `motion` (4, n_joints) is changed in place: NaN in the first row
-    and 0 in the last to start with. A position that is not known (NaN) changes nothing.
+    sample to the next; else it rests, and friction holds what it held: its errors are one error.
+    `motion` (4, n_joints) is changed in place: NaN in the first row and 0 in the last to start
+    with. A position that is not known (NaN) changes nothing.
     """
     if not np.isfinite(position):
         return float(motion[IN_MOTION, j])
@@ -429,27 +425,17 @@ def beginning_offsets(
     restarted = _corrected_anew(calibration, rows, spans, corrected, near)
     for span, positions in zip(spans, restarted, strict=True):
         in_motion = time_in_motion(t[span], rows.measured[span], step)
-        weights = past_weights(calibration, t[span], in_motion)
         error = rows.truth[span] - positions
         is_known = np.isfinite(error).all(axis=1)
+        weights = past_weights(calibration, t[span], in_motion)[is_known]
+        of_start = np.full((len(BEGINNINGS), len(step)), np.nan)
+        for j, moving in enumerate(in_motion[is_known].T):
+            for row, end in enumerate(np.searchsorted(moving, BEGINNINGS)):
+                if end and (not row or moving[-1] >= _NEARLY * BEGINNINGS[row]):
+                    begun = error[is_known][:end, j]
+                    of_start[row, j] = weighted_median(begun, weights[:end, j])
         if is_known.any():
-            offsets.append(_offsets(in_motion[is_known], error[is_known], weights[is_known]))
-    return offsets
-
-
-def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
-    """Offsets (n, n_joints) [rad or m] of the first `BEGINNINGS` of rows (m, n_joints).
-
-    NaN for those that are too long for a joint.
-    """
-    offsets = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
-    is_even = (weights == weights[0]).all(axis=0)
-    for j, moving in enumerate(in_motion.T):
-        for row, end in enumerate(np.searchsorted(moving, BEGINNINGS)):
-            if not end or (row and moving[-1] < _NEARLY * BEGINNINGS[row]):
-                continue
-            begun, w = error[:end, j], weights[:end, j]
-            offsets[row, j] = np.median(begun) if is_even[j] else weighted_median(begun, w)
+            offsets.append(of_start)
     return offsets
 
 
@@ -474,16 +460,15 @@ def _corrected_anew(
             remembering.append(k)
         else:
             positions[k] = np.concatenate([head, after])
-    again = _run(calibration, rows, [spans[k] for k in remembering])
-    for k, restarted in zip(remembering, again, strict=True):
-        positions[k] = restarted
+    if remembering:
+        again = _run(calibration, rows, [spans[k] for k in remembering])
+        for k, restarted in zip(remembering, again, strict=True):
+            positions[k] = restarted
     return positions
 
 
 def _run(calibration: Calibration, rows: Rows, spans: Sequence[slice]) -> list[Array]:
     """Corrected positions (m, n_joints) of each of the `spans` of rows, all of them in one run."""
-    if not spans:
-        return []
     recording = rows.recording
     numbers = [np.arange(span.start, span.stop) for span in spans]
     spacing = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each

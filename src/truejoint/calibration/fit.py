@@ -12,7 +12,6 @@ from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
-from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import efforts
@@ -29,8 +28,6 @@ from truejoint.calibration.choose import (
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.fit_task import (
     FitTask,
-    data_of,
-    fit_model,
     fitted_rows,
     signal_moves,
     stride_of,
@@ -74,8 +71,7 @@ def calibrate(
 
     Rows without truth, and gross outliers of it, are left out and counted in the metadata as
     ``rows_without_truth`` and ``outliers``, beside the time that it took, ``fit_seconds``. Of a row
-    with an outlier, the baselines and the network are still fitted to the other joints
-    (`JointRegressor.partial`).
+    with an outlier, the baselines and the network are still fitted to the other joints.
 
     Parameters
     ----------
@@ -92,14 +88,13 @@ def calibrate(
         Joints to correct; by default the robot's positioning joints that have truth.
     target : {"error", "position"}, optional
         Predict truth minus measured (peng2024, II-J: more accurate), or the position itself; by
-        default the first that the estimator's family can be fitted to.
+        default the first that the estimator can be fitted to.
     redundant : sequence of str, optional
         Columns by which a control loop checks the measured positions, such as ``"motor/elbow"``;
-        all that every recording has by default, see `truejoint.calibration.redundancy`. A
-        `Corrector` needs those that tell something; correcting a recording needs none.
+        all that every recording has by default. A `Corrector` needs those that tell something;
+        correcting a recording needs none.
     fit_rate : float, optional
-        Fit to rows at most at this rate [Hz], where more of them would only take longer; features
-        with a history still see every row.
+        Fit to rows at most at this rate [Hz]; features with a history still see every row.
     random_state : int, optional
         Seed, where the estimator has one; its own by default.
     zero : {"shared", "recording", "homing"}, optional
@@ -107,10 +102,9 @@ def calibrate(
         automatically, one for each recording is kept beside where it is better: see `Automatic`.
         With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
         measured position for each recording; with ``"homing"``, for each homing, by which the
-        measured positions themselves are off, inputs of the model included. The zeros are those of
-        a linear model on the same features. The second fit (`Calibration.for_rezeroing`) is for
-        motions that begin with re-zeroing and is useless without, as all that differs between
-        recordings has gone into the zeros.
+        measured positions themselves are off. The zeros are those of a linear model on the same
+        features. That fit (`Calibration.for_rezeroing`) is for motions that begin with re-zeroing
+        and useless without, as all that differs between recordings has gone into the zeros.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 
@@ -119,9 +113,8 @@ def calibrate(
     CalibrationError
         If the recordings do not belong together, are fewer than two where each has a zero of its
         own, lack truth for more than a third of their time, do not tell the zeros of homings,
-        have too few rows for the estimator (ten for each coefficient; 300 and ten for each
-        feature for a network), or the measured position of a joint never changes. Other features
-        that never change are not learnt of, and listed in the metadata as ``unused_features``.
+        have too few rows for the estimator, or the measured position of a joint never changes.
+        Other features that never change are listed in the metadata as ``unused_features``.
 
     Examples
     --------
@@ -229,6 +222,19 @@ def _with_zeros(
     ]
 
 
+def _refitted(
+    calibration: Calibration, task: FitTask, parts: Sequence[Rows], per: ZeroOf | None
+) -> Calibration:
+    """Fit a calibration anew to other rows, with one zero, or with one for each group of them."""
+    if per is None:
+        again = replace(task.fit(parts)[0], moves=calibration.moves)
+        both = replace(calibration, rezeroed_fit=again)
+    else:
+        both, _ = _with_zeros(calibration, task, parts, per, untold)
+    X = fitted_rows(parts, "X")
+    return replace(both.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0))
+
+
 def _residuals(
     calibration: Calibration, parts: Sequence[Rows], evidence: Mapping[str, Any]
 ) -> efforts.Residuals:
@@ -273,18 +279,13 @@ def _judge_zeros(
     bare = replace(fitted, gap_limit=longest, rezeroed_fit=None, effort_baseline=None)
 
     def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
-        training_parts = [parts[index] for index in training]
-        each, offsets = take_off_zeros(training_parts, np.arange(len(training_parts)), None, ())
-        models = [
-            fit_model(clone(task.model), rows, task.target) for rows in (training_parts, each)
-        ]
-        shared, again = (replace(bare, fitted=data_of(model), learnt=model) for model in models)
-        if efforts.has_baseline(training_parts):
-            residuals = _residuals(shared, training_parts, evidence)
-            baseline = efforts.EffortBaseline.of_residuals(training_parts, residuals)
+        rows = [parts[index] for index in training]
+        shared, again = (_refitted(bare, task, rows, per) for per in (None, "recording"))
+        if efforts.has_baseline(rows):
+            residuals = _residuals(shared, rows, evidence)
+            baseline = efforts.EffortBaseline.of_residuals(rows, residuals)
             shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
-        zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)
-        return shared, replace(again, origin=replace(again.origin, zeros=zeros))
+        return shared, again
 
     uncut = set(wholes(few))
     left_out = [fold for fold in folds(few) if uncut.issuperset(fold.parts)]
@@ -316,13 +317,7 @@ def cross_fit(
         training = without(parts, fold.parts)
         for part in training:
             part.check_truth()
-        if zeros is None:
-            again = replace(task.fit(training)[0], moves=bare.moves)
-            both = replace(bare, rezeroed_fit=again)
-        else:
-            both, _ = _with_zeros(bare, task, training, zeros.per, untold)
-        X = fitted_rows(training, "X")
-        fits.append(replace(both.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0)))
+        fits.append(_refitted(bare, task, training, None if zeros is None else zeros.per))
         (progress or untold)((number + 1) / len(left_out))
     return fits
 
@@ -365,20 +360,14 @@ def expected_gain(
     Each of five blocks of time is left out of one fit. How far the fits' predictions differ from
     that of the whole gives the variance of the whole's (delete-a-group jackknife: Efron and Stein,
     The Annals of Statistics 9(3), 1981), which twice the data would halve; their errors on what
-    they left out give the error that it is a part of. What no data can better, such as curves that
-    a linear model cannot follow, stays. Below `ENOUGH` more of the same hardly pays.
+    they left out give the error that it is a part of. Below `ENOUGH` more of the same hardly pays.
 
     Parameters
     ----------
     recordings : Recording or sequence of Recording
     estimator : str or Regressor
     **how
-        As `calibrate` takes it: features, joints.
-
-    Raises
-    ------
-    CalibrationError
-        As `calibrate` does, of the whole or of four fifths.
+        As `calibrate` takes it, which raises what is raised: features, joints.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from typing import Final, Self, get_args
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers
 from truejoint.calibration import compatibility
 from truejoint.calibration.calibration import RezeroedFit
 from truejoint.calibration.origin import ZeroOf
@@ -86,17 +86,9 @@ class FitTask:
         if feature_set.counts_samples or model.family.counts_samples:
             for recording in recordings:
                 check_sample_dt(recording, dt)
-        return cls(
-            recordings,
-            robot,
-            model,
-            target or model.family.targets[0],
-            chosen,
-            feature_set,
-            dt,
-            default_gap_limit(recordings),
-            compatibility.common_units(recordings, feature_set, chosen),
-        )
+        target, gap_limit = target or model.family.targets[0], default_gap_limit(recordings)
+        units = compatibility.common_units(recordings, feature_set, chosen)
+        return cls(recordings, robot, model, target, chosen, feature_set, dt, gap_limit, units)
 
     def rows(self, stride: int) -> list[Rows]:
         """Rows of each recording; a fit uses every `stride`-th."""
@@ -136,7 +128,18 @@ class FitTask:
                 f"{needed}: record for longer, or choose fewer features or a simpler estimator"
             )
         report = within(report, 0.0, 1.0 - _BASELINE_SHARE)
-        model = fit_model(clone(self.model), parts, self.target, report)
+        model, target = clone(self.model), self.target
+        if model.partial:
+            model.fit(*partly_known(parts, target), report)
+        elif not model.family.remembers:
+            targets = np.concatenate([part.target(target)[part.fitted] for part in parts])
+            model.fit(fitted_rows(parts, "X"), targets, report)
+        else:  # of rows without truth too
+            inputs, dt = (np.concatenate([getattr(p, n) for p in parts]) for n in ("X", "dt"))
+            targets = np.concatenate([part.fitted_targets(target) for part in parts])
+            names = model.truth_beside()
+            loads = np.concatenate([known_loads(part.recording, names) for part in parts])
+            model.fit(inputs, targets, report, dt, loads)
         X, error = partly_known(parts)
         fitted: dict[str, EstimatorData] = {}
         notes: dict[str, str] = {}
@@ -156,23 +159,6 @@ class FitTask:
 def within(report: Callable[..., None], begin: float, share: float) -> Callable[..., None]:
     """Progress of a part of what `report` is called for, from `begin` on."""
     return lambda fraction, *what: report(begin + share * fraction, *what)
-
-
-def fit_model(
-    model: JointRegressor, parts: Sequence[Rows], target: Target, report: Progress = untold
-) -> JointRegressor:
-    """Fit a model to rows, those without truth included where it remembers them."""
-    if model.partial:
-        return model.fit(*partly_known(parts, target), report)
-    if not model.family.remembers:
-        known = "error" if target == "error" else "truth"
-        return model.fit(fitted_rows(parts, "X"), fitted_rows(parts, known), report)
-    inputs, targets, dt = (
-        np.concatenate(values)
-        for values in zip(*((p.X, p.fitted_targets(target), p.dt) for p in parts), strict=True)
-    )
-    loads = np.concatenate([known_loads(part.recording, model.truth_beside()) for part in parts])
-    return model.fit(inputs, targets, report, dt, loads)
 
 
 def known_loads(recording: Recording, names: Sequence[str]) -> Array:
@@ -196,26 +182,21 @@ def training_rows(
     joints: tuple[str, ...],
     gap_limit: float,
     stride: int = 1,
-    outliers: Sequence[Mask] | None = None,
 ) -> list[Rows]:
-    """Rows of each recording; `outliers` are those of `outlying_values`, if they are known.
+    """Rows of each recording, those with values that are grossly off their neighbours marked.
 
     Raises CalibrationError if truth is missing for more than a third of a recording on end.
     """
-    masks = outlying_values(recordings, joints) if outliers is None else outliers
+    outliers = zip(*(gross_outliers(recordings, joint) for joint in joints), strict=True)
     parts = [
-        Rows.of(recording, feature_set, joints, gap_limit, outlier=mask, stride=stride)
-        for recording, mask in zip(recordings, masks, strict=True)
+        Rows.of(
+            recording, feature_set, joints, gap_limit, outlier=np.column_stack(masks), stride=stride
+        )
+        for recording, masks in zip(recordings, outliers, strict=True)
     ]
     for part in parts:
         part.check_truth()
     return parts
-
-
-def outlying_values(recordings: Sequence[Recording], joints: Sequence[str]) -> list[Mask]:
-    """Values (n, n_joints) of each recording that are grossly off their neighbours."""
-    by_joint = [gross_outliers(recordings, joint) for joint in joints]
-    return [np.column_stack(masks) for masks in zip(*by_joint, strict=True)]
 
 
 def fitted_rows(parts: Sequence[Rows], name: str) -> Array:

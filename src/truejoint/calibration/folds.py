@@ -21,7 +21,7 @@ FOLDS: Final = 5  # of one kind, at most
 FEW: Final = 3  # recordings; fewer are not left out whole
 SORTED_FROM: Final = 10  # recordings; so many tell fast from slow and light from heavy ones
 
-_GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
+GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
 _STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
 _AT_REST: Final = 0.05  # of the RMS speed of a joint, below which it counts as standing still
 _LEAST_ROWS: Final = 10  # of a part
@@ -60,27 +60,21 @@ class Fold:
 def without(rows: Sequence[Rows], parts: Sequence[Part]) -> list[Rows]:
     """Hide the truth of `parts` of recordings, and of a gap around each.
 
-    What a part covers altogether is left out. Positions and efforts stay, so that features with a
+    What they cover altogether is left out. Positions and efforts stay, so that features with a
     memory are as they were.
     """
-    training = []
-    for index, whole in enumerate(rows):
-        left_out = [part for part in parts if part.recording == index]
-        hidden = hidden_rows(whole.t, left_out)
-        if not left_out:
-            training.append(whole)
-        elif not hidden.all():
-            training.append(whole.hide(hidden))
-    return training
+    hidden = [hidden_rows(whole.t, parts, index) for index, whole in enumerate(rows)]
+    pairs = zip(rows, hidden, strict=True)
+    return [whole.hide(mask) if mask.any() else whole for whole, mask in pairs if not mask.all()]
 
 
-def hidden_rows(t: Array, parts: Sequence[Part]) -> Mask:
-    """Rows (n,), at `t` (n,) [s], that parts of a recording cover, and a gap around each."""
+def hidden_rows(t: Array, parts: Sequence[Part], index: int, gap: float = GAP) -> Mask:
+    """Rows (n,), at `t` (n,) [s], of the parts of one recording, and of a gap around each."""
     hidden = np.zeros(len(t), dtype=bool)
-    for part in parts:
+    for part in (part for part in parts if part.recording == index):
         first, last = t[part.first], t[part.end - 1]
-        gap = _GAP * (last - first)
-        hidden |= (t >= first - gap) & (t <= last + gap)
+        around = gap * (last - first)
+        hidden |= (t >= first - around) & (t <= last + around)
     return hidden
 
 
@@ -148,14 +142,13 @@ def enough_beside(recordings: Sequence[Recording], groups: Sequence[Sequence[int
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
-    One or two recordings lose a fifth of the time in which they move, so that no part is at rest,
-    which shows no more than one error; two or more are left out whole, but not one beside which
-    less than a fifth of the time stays: what a fit to so little does, the one that is used will
-    not. Of three or more that one loses fifths in their stead. Ten or more are left out by how fast
-    they move and by how large their efforts are, a fifth at a time, so that an estimator shows what
-    it does beyond them; those of one speed, or under one load, all at once
-    (`truejoint.estimators.polynomial.learn.levels`). Where several homings, or masses on the tool,
-    are stated, these are left out too.
+    One or two recordings lose a fifth of the time in which they move, so that no part is at rest;
+    two or more are left out whole, but not one beside which less than a fifth of the time stays:
+    what a fit to so little does, the one that is used will not. Of three or more that one loses
+    fifths in their stead. Ten or more are left out by how fast they move and by how large their
+    efforts are, a fifth at a time, so that an estimator shows what it does beyond them; those of
+    one speed, or under one load, all at once (`truejoint.estimators.polynomial.learn.levels`).
+    Where several homings, or masses on the tool, are stated, these are left out too.
     """
     parts, left_out = wholes(recordings), list[Fold]()
     enough = enough_beside(recordings, [[part.recording] for part in parts])
@@ -193,9 +186,8 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
     """Places of the recordings of each level, from the least to the largest, of each condition.
 
     Conditions are speed and the size of efforts, where these differ by a tenth or more, and a
-    stated mass. Levels are as `truejoint.estimators.polynomial.learn.levels` finds them; where it
-    finds none, speeds and efforts are cut into eight runs of as many recordings. A condition that
-    parts the recordings as another does is none.
+    stated mass; levels are as `truejoint.estimators.polynomial.learn.levels` finds them, or eight
+    runs of as many speeds or efforts. A condition that parts the recordings as another is none.
     """
     loads = np.array([recording.provenance.load for recording in recordings])
     by_groups: dict[frozenset[frozenset[int]], list[Integers]] = {}
@@ -217,10 +209,9 @@ def without_levels(
     """Leave out in turn the levels between others of each kind, as `conditions` gives them.
 
     Five folds, or six where all three conditions have levels, so that no fit knows the ends of one
-    alone. A recording is so judged by a fit to which its level is new, as one under a load that was
-    never tried is; one that lies between others in two conditions is left out twice. The least and
-    the largest levels, which no fit knows anything beyond, are left out a recording at a time, each
-    with the smallest fold.
+    alone. A recording is so judged by a fit to which its level is new; one that lies between others
+    in two conditions is left out twice. The least and the largest levels, which no fit knows
+    anything beyond, are left out a recording at a time, each with the smallest fold.
     """
     left_out, most = list[set[int]](), max(FOLDS, _EACH * len(kinds))
     for number, groups in enumerate(kinds):

@@ -67,25 +67,23 @@ def with_stiffness(
     for name, value in (("arm", arm), ("time at the end", last)):
         if not value > 0.0:
             raise CalibrationError(f"{name} of the weights is {value!r:.40}; it must be above 0")
-    rows, steps, torques = [], [], []
+    inputs, steps, torques = [], [], []
     for recording in recordings:
         mass = recording.provenance.load
         if not mass > 0.0:
             raise CalibrationError(
                 f"{source_of(recording)}: its weight is not stated; say it with "
-                "--metadata load_grams=, or "
-                "as the load of its provenance"
+                "--metadata load_grams=, or as the load of its provenance"
             )
-        seen = calibration.rows(recording)
-        X, dt = seen.X, seen.dt
-        hangs = recording.t > recording.t[-1] - last
-        side = -np.sign(float(model.states(X, dt).states[hangs, -1].mean())) or 1.0
+        rows = calibration.rows(recording)
+        hangs = rows.t > rows.t[-1] - last
+        side = -np.sign(float(model.states(rows.X, rows.dt).states[hangs, -1].mean())) or 1.0
         torques.append(np.where(hangs, side * mass * GRAVITY * arm, np.nan))
-        rows.append(X)
-        steps.append(dt)
-    if not rows:
+        inputs.append(rows.X)
+        steps.append(rows.dt)
+    if not inputs:
         raise CalibrationError("no recording of a weight; give one at least")
-    X, torque, dt = np.concatenate(rows), np.concatenate(torques), np.concatenate(steps)
+    X, torque, dt = map(np.concatenate, (inputs, torques, steps))
     stiffness = identify_stiffness(model, X, torque, dt)
     stiff = model.with_stiffness(stiffness)
     weighed = replace(calibration, fitted=stiff.data, learnt=stiff)
@@ -149,15 +147,9 @@ def motor_zero(
     moves[calibration.signals.index(RESET)] = model.jaw_radius
     offset = np.full(len(calibration.joints), -found.correction / model.jaw_radius)
     zero = Zero(
-        offset,
-        source="motor",
-        file=origin.source,
-        homing_id=origin.homing_id,
-        rows=len(rows),
-        duration=recording.duration,
-        moves=moves,
-        details=vars(found),
-    )
+        offset, source="motor", file=origin.source, homing_id=origin.homing_id, rows=len(rows),
+        duration=recording.duration, moves=moves, details=vars(found),
+    )  # fmt: skip
     return zero, found
 
 

@@ -79,36 +79,16 @@ class TrainingZeros:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """What a calibration was made from, as far as the product reads it again.
+    """What a calibration was made from, as far as the product reads it again."""
 
-    Attributes
-    ----------
-    estimator : str
-        Name of the estimator that was asked for.
-    sample_dt : float
-        Median time between rows [s]; 0 if it is not known.
-    sessions : tuple of Session
-        Recordings that the fit used.
-    homing_ids : tuple of str
-        Homings that its zero holds for: those of the training, or that of `Calibration.zero`.
-    interval_sessions : tuple of Session
-        Recordings that the interval was made of.
-    accepted : tuple of str
-        Failures of the data check that the user accepted.
-    baseline_notes : mapping of str to str
-        Why a baseline is absent or weak.
-    zeros : TrainingZeros, optional
-        Where the training recordings do not share one zero.
-    """
-
-    estimator: str = ""
-    sample_dt: Annotated[float, Bounds(0.0, 1e9)] = 0.0
-    sessions: tuple[Session, ...] = ()
-    homing_ids: tuple[str, ...] = ()
-    interval_sessions: tuple[Session, ...] = ()
-    accepted: tuple[str, ...] = ()
-    baseline_notes: Mapping[str, str] = field(default_factory=dict)
-    zeros: TrainingZeros | None = None
+    estimator: str = ""  # name of the one that was asked for
+    sample_dt: Annotated[float, Bounds(0.0, 1e9)] = 0.0  # median time between rows [s]; 0: unknown
+    sessions: tuple[Session, ...] = ()  # recordings that the fit used
+    homing_ids: tuple[str, ...] = ()  # that its zero holds for: of the training, or of its `zero`
+    interval_sessions: tuple[Session, ...] = ()  # recordings that the interval was made of
+    accepted: tuple[str, ...] = ()  # failures of the data check that the user accepted
+    baseline_notes: Mapping[str, str] = field(default_factory=dict)  # why one is absent or weak
+    zeros: TrainingZeros | None = None  # where the training recordings do not share one zero
 
     def includes(self, recording: Recording) -> bool:
         """Whether the fit used rows of a recording."""

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 
 REDUNDANT: Final = ("motor", "driver", "setpoint")
 """Quantities that say where a joint is, beside its measured position."""
-
 _COUPLED: Final = "motor"  # the quantity in which cables couple the joints
-
 _USEFUL: Final = 0.1  # of a joint's range, that an equation may be off by in training at most
 _BETTER: Final = 0.1  # of the deviation with the joint's own channel, to bring in other channels
 _DROPPED: Final = 1.1  # by what the deviation may grow for a column that is left out
@@ -52,21 +50,19 @@ def redundant_columns(
 
     Of those `asked` for alone, where they are given; raises CalibrationError if one is none.
     """
-    first = recordings[0].units
+    units = recordings[0].units
     there = {
-        column: first[column]
-        for column in in_all(recordings, first)
+        column: units[column]
+        for column in in_all(recordings, units)
         if column.partition("/")[0] in REDUNDANT and is_signal(column)
     }
-    if asked is None:
-        return there
-    for column in asked:
-        if column not in there:
-            raise CalibrationError(
-                f"column {column!r:.60} cannot check a measured position; these can, being in "
-                f"every recording: {', '.join(there) or 'none'}"
-            )
-    return {column: there[column] for column in asked}
+    wrong = [column for column in asked or () if column not in there]
+    if wrong:
+        raise CalibrationError(
+            f"column {wrong[0]!r:.60} cannot check a measured position; these can, being in "
+            f"every recording: {', '.join(there) or 'none'}"
+        )
+    return there if asked is None else {column: there[column] for column in asked}
 
 
 def fit_parity_equations(
@@ -84,17 +80,17 @@ def fit_parity_equations(
         name: np.concatenate([recording.column(name) for recording in recordings])
         for name in dict.fromkeys((*columns, *(f"measured/{joint}" for joint in joints)))
     }
-    found = list(_equations(tables, joints, columns))
-    if not found:
+    equations = list(_equations(tables, joints, columns))
+    if not equations:
         return None, {}
+    joint, weights, intercept, rest = zip(*equations, strict=True)
     # By name, as a model file lists them, whatever their order in the recordings is.
-    used = sorted(c for c in columns if any(c in weights for _, weights, _, _ in found))
+    used = sorted(column for column in columns if any(column in each for each in weights))
     names = list(dict.fromkeys((*signals, *used)))
-    matrix = np.array([[weights.get(name, 0.0) for name in names] for _, weights, _, _ in found])
-    joint, _, intercept, rest = zip(*found, strict=True)
+    matrix = np.array([[each.get(name, 0.0) for name in names] for each in weights])
     lower, upper = np.transpose([(r.min(), r.max()) for r in rest])
-    equations = ParityEquations(matrix, np.array(intercept), lower, upper, np.array(joint, float))
-    return equations, {name: columns[name] for name in names[len(signals) :]}
+    parity = ParityEquations(matrix, np.array(intercept), lower, upper, np.array(joint, float))
+    return parity, {name: columns[name] for name in names[len(signals) :]}
 
 
 def _equations(
@@ -107,10 +103,9 @@ def _equations(
         position = tables[f"measured/{joint}"]
         scale = float(np.ptp(position))
         for quantity in REDUNDANT:
-            own = [name for name in varying if name == f"{quantity}/{joint}"]
-            chosen = own
+            chosen = [name for name in varying if name == f"{quantity}/{joint}"]
             if quantity == _COUPLED and coupled:
-                chosen = _chosen_columns(tables, position, own, coupled, _ROUNDING * scale)
+                chosen = _chosen_columns(tables, position, chosen, coupled, _ROUNDING * scale)
             if not chosen:
                 continue
             coef, intercept, rest = _regress(tables, position, chosen)

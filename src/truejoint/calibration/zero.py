@@ -92,11 +92,9 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
     for 1.5 it is the mean of a Gaussian zero whose variance is what today's offset has beyond that
     of the errors (empirical Bayes, as Efron and Morris, JASA 68, 1973, here of a single mean; in
     form Breiman's non-negative garrote, Technometrics 37, 1995); 1.5 is for errors of beginnings,
-    which now and then are several deviations. A zero that moved by ten deviations is found to two
-    tenths of one more; errors of a brief stretch that lie all to one side are no zero. Where the
-    zero did not move, the mean square error is 0.12 of that of the whole offset; the price is a
-    zero that moved by more than 1.1 deviations: up to 2.2 times (at 2.6). All of an offset whose
-    deviation is NaN.
+    which now and then are several deviations. Where the zero did not move, the mean square error is
+    0.12 of that of the whole offset; the price is a zero that moved by more than 1.1 deviations: up
+    to 2.2 times (at 2.6), a fifth of one more at ten. All of an offset whose deviation is NaN.
     """
     whole, spread = (np.asarray(values, dtype=np.float64) for values in (offset, deviation))
     spread = _DOUBT * spread
