@@ -37,7 +37,7 @@ TESTS = {
     "filters": ("tests/filters",),  # its modules are one filter
     "runtime": ("tests/runtime/test_status.py", "tests/runtime/test_corrector.py"),
     "calibration": ("tests/calibration/test_calibration.py", "tests/calibration/test_fit.py"),
-    "recordings/bags": ("tests/recordings/bags",),
+    "recordings/read/bags": ("tests/recordings/read/bags",),
 }
 """What runs on a mutant of a module that has no tests of its own."""
 MIRRORS = {

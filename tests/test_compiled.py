@@ -220,6 +220,24 @@ def test_what_is_kept_of_a_kernel_is_made_anew_after_an_edit_of_what_it_takes(
         assert sum(total.stats.cache_hits.values()) == kept
 
 
+def test_what_is_kept_of_a_kernel_whose_type_was_renamed_is_made_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("First", "Second"):
+        (tmp_path / "renamed_type.py").write_text(
+            f"import typing\nclass {name}(typing.NamedTuple):\n    x: float\nPair = {name}\n"
+        )
+        (tmp_path / "of_renamed_type.py").write_text(
+            "from renamed_type import Pair\nfrom truejoint.compiled import compiled\n"
+            "@compiled\ndef next_of(pair: Pair):\n    return pair.x + 1.0\n"
+        )
+        for module in ("renamed_type", "of_renamed_type"):
+            monkeypatch.delitem(sys.modules, module, raising=False)
+        _content.cache_clear()
+        kernel = importlib.import_module("of_renamed_type")
+        assert kernel.next_of(kernel.Pair(2.0)) == 3.0
+
+
 def made_of(**changed):
     """What goes into a kernel that takes a bit of everything, of which some is changed."""
     fields = ModuleType("fields")

@@ -106,7 +106,11 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         _take_blas_for_granted()
         # Not when it is declared: it may call what its module declares further down.
         self._cache_file._source_stamp = self._own_stamp, _ingredients(self._py_func)
-        return super().load_overload(signature, target)
+        try:
+            return super().load_overload(signature, target)
+        except (ImportError, AttributeError):  # it names a type that has moved since: it is stale
+            self._cache_file.flush()
+            return None
 
 
 def _ingredients(kernel: FunctionType) -> str:

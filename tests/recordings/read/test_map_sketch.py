@@ -50,21 +50,17 @@ def test_what_the_names_say_is_guessed(tmp_path):
     text = sketch_column_map(path, "raven2")
     mapping = read_column_map(tomllib.loads(text))
     found = {name: (c.column, c.unit) for name, c in mapping.columns.items()}
-    assert (
-        found
-        == {
-            "t": ("Time [ms]", "ms"),
-            "measured/shoulder": ("q_shoulder_deg", "deg"),
-            "measured/elbow": ("jpos_elbow", ""),
-            "measured/insertion": ("insertion (mm)", "mm"),
-            "effort/shoulder": ("tau_0", ""),
-            "effort/elbow": ("tau_1", ""),
-            "truth/elbow": ("ext_1_deg", "deg"),
-            "motor_velocity/insertion": ("mvel2", ""),
-            "setpoint/unused": ("desired_3", ""),
-        }
-        or "setpoint/roll" in found
-    )
+    assert found == {
+        "t": ("Time [ms]", "ms"),
+        "measured/shoulder": ("q_shoulder_deg", "deg"),
+        "measured/elbow": ("jpos_elbow", ""),
+        "measured/insertion": ("insertion (mm)", "mm"),
+        "effort/shoulder": ("tau_0", ""),
+        "effort/elbow": ("tau_1", ""),
+        "truth/elbow": ("ext_1_deg", "deg"),
+        "motor_velocity/insertion": ("mvel2", ""),
+        "setpoint/roll": ("desired_3", ""),
+    }
     assert text.count("column = 9") == text.count("column = 10") == 1
 
 
