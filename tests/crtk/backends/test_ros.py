@@ -5,7 +5,7 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -447,6 +447,23 @@ def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served
     assert most == pytest.approx(ROBOT.joints[0].max_speed / served.arm.rate, rel=0.05)
     assert "the arm goes there at top speed" in caplog.text
     assert len(caplog.records) == 1
+
+
+def test_two_clients_at_once_move_it_no_faster_than_one(served, arm, monkeypatch):
+    """One moves the arm while the other, which then dies, sends set-points to and fro."""
+    monkeypatch.setattr(ros, "_GRACE", 0.2)
+    setpoints = []
+    served.arm.subscribe(lambda block: setpoints.append(block.setpoint[:, CHANNELS]))
+    motion = arm.move_jp(ROBOT.home + 0.2 * SHOULDER)
+    for k in range(200):
+        served.say("servo_jp", position=(ROBOT.home + 0.1 * SHOULDER * (-1) ** k).tolist())
+    with suppress(CommandRefused, MotionStopped, NotArrived):
+        motion.wait()
+    served.say("servo_jp", position=ROBOT.home.tolist())
+    at_rest(served, ROBOT.home)
+    assert served.arm.operating_state().state == "ENABLED"
+    largest = np.array([joint.max_speed for joint in ROBOT.joints]) / served.arm.rate
+    assert (np.abs(np.diff(np.concatenate(setpoints), axis=0)).max(axis=0) <= largest + 1e-9).all()
 
 
 def test_servo_and_move_pre_empt_each_other(served, arm):
