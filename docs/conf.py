@@ -4,8 +4,6 @@ import importlib.metadata
 from importlib import import_module
 from pathlib import Path
 
-from sphinx.application import Sphinx
-
 HERE = Path(__file__).parent
 PACKAGES = (
     "", "recordings", "calibration", "evaluation", "runtime", "filters", "estimators", "features",
@@ -58,7 +56,7 @@ sphinx_gallery_conf = {
 }
 
 
-def write_pages(_: Sphinx) -> None:
+def write_pages() -> None:
     """Write the pages of the API from what each package exports; the first only lists its names."""
     api = HERE / "api"
     api.mkdir(exist_ok=True)
@@ -73,6 +71,4 @@ def write_pages(_: Sphinx) -> None:
         )
 
 
-def setup(app: Sphinx) -> None:
-    """Connect what writes pages."""
-    app.connect("builder-inited", write_pages, priority=100)
+write_pages()  # before Sphinx looks for pages
