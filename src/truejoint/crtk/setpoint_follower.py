@@ -19,7 +19,7 @@ from truejoint.robots.blocks import check_range
 
 LAPSE: Final = 0.02
 """Time without a new set-point after which an arm that has reached the last one stands [s]."""
-_ENDING: Final = 0.5  # [s] that a motion may take to end on a busy machine: no set-point is lost
+_ENDING: Final = 0.1  # [s] that a stream may take to end before a set-point is lost; a pause waits
 _PIECE: Final = 2e-3  # [s] of set-points that are sent at once: the newest one has to wait for them
 
 

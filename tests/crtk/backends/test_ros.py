@@ -66,7 +66,7 @@ def _patient(monkeypatch):
     """On a busy machine a thread that reports may be silent for long, above all if it compiles."""
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         monkeypatch.setattr(ros, name, LONG)
-    for name in ("arm.SILENCE", "arm.TIMEOUT", "server._LOG"):
+    for name in ("arm.SILENCE", "arm.TIMEOUT", "server._LOG", "setpoint_follower._ENDING"):
         monkeypatch.setattr(f"truejoint.crtk.{name}", LONG)
     for name in ("_SETTLING", "_GRACE"):
         monkeypatch.setattr(ros, name, LONG)
