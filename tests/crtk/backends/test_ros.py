@@ -66,10 +66,10 @@ def _patient(monkeypatch):
     """On a busy machine a thread that reports may be silent for long, above all if it compiles."""
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         monkeypatch.setattr(ros, name, LONG)
-    for name in ("arm.SILENCE", "arm.TIMEOUT", "server._LOG", "setpoint_follower._ENDING"):
+    for name in ("arm.SILENCE", "arm.TIMEOUT", "server._LOG"):
         monkeypatch.setattr(f"truejoint.crtk.{name}", LONG)
-    for name in ("_SETTLING", "_GRACE"):
-        monkeypatch.setattr(ros, name, LONG)
+    monkeypatch.setattr(ros, "_SETTLING", LONG)
+    monkeypatch.setattr(ros, "_GRACE", 2.0)
     go_on = RosBackend.flush.__defaults__[1]
     monkeypatch.setattr(RosBackend.flush, "__defaults__", (LONG, go_on))  # in place of 2 s
     monkeypatch.setattr("truejoint.crtk.server._LATE", 4.0)
@@ -411,6 +411,24 @@ def test_what_others_command_after_a_move_stands(served, arm, monkeypatch):
     assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 
 
+def test_who_has_moved_the_arm_since_is_not_trimmed(served, arm, monkeypatch):
+    """Not even where the set-point comes back to the one that was sent here."""
+    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
+    arm.move_jp(ROBOT.home).wait()
+    backend, settled = arm._backend, threading.Event()
+    arm.subscribe(lambda _: (np.abs(backend._off()) <= 0.4 * backend._near).all() and settled.set())
+    assert settled.wait(LONG)
+    trimmed = served.arm.setpoint_js(LONG).position
+    for goal in (trimmed + 0.02 * SHOULDER, trimmed):
+        served.say("servo_jp", position=goal.tolist())
+        at_rest(served, goal)
+        hang(served, monkeypatch, lambda measured: measured - 0.002)
+    blocks, looked = [], threading.Event()
+    arm.subscribe(lambda block: (blocks.append(block), len(blocks) > 30 and looked.set()))
+    assert looked.wait(LONG)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(trimmed, abs=1e-9)
+
+
 def test_a_robot_that_refuses_set_points_is_noticed_soon(served, arm, monkeypatch):
     monkeypatch.setattr(ros, "_GRACE", 0.2)
     monkeypatch.setattr(served.server._follower, "ask", lambda *_: None)
@@ -544,10 +562,17 @@ def test_a_twist_moves_the_tool(served, arm, caplog):
     assert np.abs(moved - moved[0, 3] * np.eye(4)[[0]].T @ np.eye(4)[[3]]).max() < 1e-8
     place = served.arm.setpoint_js(LONG).position
     straight = place - ROBOT.home
-    steps = []
-    served.arm.subscribe(lambda block: steps.append(block.setpoint))
+    steps, has_moved = [], threading.Event()
+
+    def keep(block):
+        steps.append(block.setpoint)
+        if not np.array_equal(block.setpoint[-1, CHANNELS], place):
+            has_moved.set()
+
+    served.arm.subscribe(keep)
     twist(x=1e3)  # at the joints' top speed, in the same direction
-    way = np.delete(np.vstack(steps), 3, axis=1) - place
+    assert has_moved.wait(LONG)
+    way = np.vstack([place, np.vstack(steps)[:, CHANNELS]]) - place
     top = [joint.max_speed / served.arm.rate for joint in ROBOT.joints]
     assert np.max(np.abs(np.diff(way, axis=0)) / top) == pytest.approx(1.0)
     assert abs(way[-1] @ straight) > 0.999 * np.linalg.norm(way[-1]) * np.linalg.norm(straight)

@@ -406,6 +406,9 @@ class RosBackend:
         now, (begin, end), state = time.monotonic(), self._settling, self._state
         if not (begin < now < end and self._in_flight and now - self._trimmed >= self.grain):
             return
+        if not self._is_on_way(setpoint):  # others move the arm now
+            self._settling = math.inf, -math.inf
+            return
         # Joints of before the last set-point was taken would be trimmed twice on a slow link.
         is_taken = (np.abs(setpoint - self._in_flight[-1][1]) <= 0.1 * self._near).all()
         if state is None or not state.is_ready or not is_taken:
