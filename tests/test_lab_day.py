@@ -225,7 +225,7 @@ def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
     assert len(t) > 50
     # Another motion than the one that the promise was made on, so a quarter of it; and of an error
     # a tenth of the raw one much is what stamps say of when, which a busy machine makes worse.
-    least = np.minimum(0.25 * promised, 2.0)
+    least = np.minimum(0.25 * promised, 4.0)
     assert (reached > least).all(), f"promised {promised}, reached {reached}"
 
 
