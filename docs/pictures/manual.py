@@ -1,0 +1,234 @@
+"""Draw the manual's pictures, each of what its page says.
+
+Run ``python docs/pictures/manual.py [NAME ...]``; it needs the extra ``plots`` and two minutes.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.patches import FancyArrowPatch
+
+import truejoint
+from truejoint.motion import follow, random_motion
+from truejoint.recordings import Recorder
+from truejoint.runtime import Compensator, Corrector, OnFault
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.studies.forceps.motions import record
+
+MEASURED, TRUE, OTHER, CORRECTED = "#b3541e", "#1a1a1a", "#8a8a8a", "#1f6fb2"
+WIDTH: Final = 8.0  # [in]
+ELBOW: Final = "elbow"
+
+
+@cache
+def twin() -> truejoint.crtk.Arm:
+    """Give a simulated RAVEN-II, enabled and homed."""
+    of_paper = truejoint.simulation.make_twin("raven2", "left", parameters="peng2024", seed=0)
+    arm = truejoint.crtk.Arm(truejoint.crtk.SimulatedBackend(of_paper))
+    arm.enable()
+    arm.home()
+    return arm
+
+
+def recorded(motion: truejoint.motion.Trajectory, **how: Any) -> truejoint.Recording:
+    """Follow a motion and keep what the twin's arm reports, with the truth."""
+    with Recorder(twin(), state_rate=30.0) as recorder:
+        follow(twin(), motion, **how)
+    return recorder.recording()
+
+
+@cache
+def training() -> list[truejoint.Recording]:
+    """Record the motions that the models are made of."""
+    return [recorded(random_motion(twin().robot, 240.0, seed=k)) for k in range(3)]
+
+
+def panels(rows: int = 1, columns: int = 1, height: float = 2.8, **how: Any) -> Any:
+    """Give a figure and its axes, in the manual's manner."""
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(WIDTH, height), layout="constrained", squeeze=False, **how
+    )
+    for axis in axes.flat:
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def doubt() -> Any:
+    """Draw what the corrected position does while an effort is missing for four seconds."""
+    corrector_of = {
+        name: Corrector(truejoint.calibrate(training(), "linear"), on_fault=OnFault(name))
+        for name in ("hold", "raw")
+    }
+    test = recorded(random_motion(twin().robot, 14.0, seed=4))
+    t = test.t - test.t[0]
+    gone = (t > 5.0) & (t < 9.0)
+    figure, axes = panels()
+    axis = axes[0, 0]
+    for (name, corrector), colour in zip(corrector_of.items(), (CORRECTED, OTHER), strict=True):
+        corrector.set_homing(True, twin().homing_id)
+        samples = test.table[list(corrector.signals)].to_numpy(copy=True)
+        samples[gone, list(corrector.signals).index(f"effort/{ELBOW}")] = np.nan
+        joint = list(corrector.joints).index(ELBOW)
+        correction = []
+        for stamp, sample in zip(test.t, samples, strict=True):
+            corrector.step(stamp, sample)
+            measured = sample[list(corrector.signals).index(f"measured/{ELBOW}")]
+            correction.append(corrector.position[joint] - measured)
+        axis.plot(t, np.degrees(correction), color=colour, lw=1.6, label=f'on_fault="{name}"')
+    truth = test.column(f"truth/{ELBOW}") - test.column(f"measured/{ELBOW}")
+    axis.plot(t, np.degrees(truth), color=TRUE, lw=1.0, ls=":", label="true")
+    axis.axvspan(5.0, 9.0, color="#f3e6dc", zorder=0)
+    axis.text(7.0, -0.8, "no effort", ha="center", color=MEASURED)
+    axis.set(xlabel="time [s]", ylabel="correction of the elbow [deg]")
+    axis.legend(frameon=False, loc="lower left", ncols=3, bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
+def late_or_loop() -> Any:
+    """Draw truth against measured for a late clock and for a loop, at two speeds."""
+    figure, axes = panels(1, 2, 3.2, sharey=True)
+    for axis, title in zip(axes[0], ("clock 0.1 s late", "hysteresis of 2 deg"), strict=True):
+        for period, colour in ((8.0, CORRECTED), (3.0, MEASURED)):
+            t = np.arange(0.0, 2.0 * period, 0.01)
+            measured = 10.0 * np.sin(2.0 * np.pi * t / period)
+            if title.startswith("clock"):
+                truth = 10.0 * np.sin(2.0 * np.pi * (t - 0.1) / period)
+            else:
+                truth = np.empty_like(measured)
+                truth[0] = measured[0]
+                for k in range(1, len(t)):
+                    truth[k] = np.clip(truth[k - 1], measured[k] - 1.0, measured[k] + 1.0)
+            last = t >= period
+            axis.plot(measured[last], truth[last] - measured[last], color=colour, lw=1.6,
+                      label=f"one swing in {period:g} s")  # fmt: skip
+        axis.set(title=title, xlabel="measured [deg]")
+    axes[0, 0].set_ylabel("truth - measured [deg]")
+    axes[0, 1].legend(frameon=False, loc="center", bbox_to_anchor=(0.5, 0.85))
+    return figure
+
+
+def history() -> Any:
+    """Draw what a line, a parabola and plays leave of a jaw's error, against its position."""
+    motions = (record(specimen("A"), name, specimen="A", seed=0) for name in ("nested", "cycle"))
+    made_of, test = motions
+    measured, truth = (
+        np.degrees(test.column(f"{name}/jaw"))[::10] for name in ("measured", "truth")
+    )
+    figure, axes = panels(1, 3, 3.0, sharey=True)
+    for axis, name in zip(axes[0], ("linear", "poly2", "rich_play"), strict=True):
+        model = truejoint.calibrate(made_of, name, features=("measured/jaw",))
+        error = np.degrees(model.correct(test)[::10, 0]) - truth
+        axis.plot(measured, error, color=CORRECTED, lw=0.8)
+        axis.axhline(0.0, color=TRUE, lw=0.8, ls=":")
+        axis.set(title=f"{name}: {np.sqrt(np.nanmean(error**2)):.2f} deg", xlabel="measured [deg]")
+    axes[0, 0].set_ylabel("error of the jaw [deg]")
+    return figure
+
+
+def loop() -> Any:
+    """Draw a circle of two joints, as it is wanted and as it comes, without and with the loop."""
+    arm, joints = twin(), ("shoulder", ELBOW)
+    model = truejoint.calibrate(training(), "linear").without_redundant()
+    corrector = Corrector(model)
+    corrector.set_homing(True, arm.homing_id)
+    angle, at = np.linspace(0.0, 2.0 * np.pi, 400), [arm.robot.joint_names.index(j) for j in joints]
+    circle = arm.robot.home[at] + math.radians(8.0) * np.c_[np.cos(angle), np.sin(angle)]
+    path = truejoint.motion.Trajectory(joints, ("rad", "rad"), circle, 30.0 * angle / angle[-1])
+    figure, axes = panels(height=4.2)
+    axis = axes[0, 0]
+    steerings = {"set-points alone": None, "with Compensator": Compensator(corrector, arm.robot)}
+    for (name, steering), colour in zip(steerings.items(), (MEASURED, CORRECTED), strict=True):
+        arm.move_jp(arm.robot.home).wait()
+        done = recorded(path, steering=steering)
+        axis.plot(*np.degrees([done.column(f"truth/{j}") for j in joints])[:, -900:], color=colour,
+                  lw=1.6, label=f"joints, {name}")  # fmt: skip
+    axis.plot(*np.degrees(circle.T), color=TRUE, lw=1.0, ls=":", label="wanted")
+    axis.set(xlabel="shoulder [deg]", ylabel="elbow [deg]", aspect="equal")
+    axis.legend(frameon=False, loc="center left", bbox_to_anchor=(1.02, 0.5))
+    return figure
+
+
+def jaw_under_load() -> Any:
+    """Draw a jaw that takes a weight of 100 g: its motor, the paper's filter and gated plays."""
+    forceps = specimen("A")
+    free = record(forceps, "nested", specimen="A", seed=0)
+    test = record(forceps, LoadTest(0.1, "along"), specimen="A", seed=1)
+    t, truth = test.t[::20], np.degrees(test.column("truth/jaw"))[::20]
+    figure, axes = panels(2, 1, 4.0, sharex=True)
+    measured = np.degrees(test.column("measured/jaw"))[::20]
+    axes[0, 0].plot(t, measured, color=MEASURED, lw=1.2, label="measured at the motor")
+    axes[0, 0].plot(t, truth, color=TRUE, lw=1.2, label="true")
+    names = {"ukf_compensated": "unscented filter, (26)", "play_gated": "gated plays"}
+    for (name, title), colour in zip(names.items(), (OTHER, CORRECTED), strict=True):
+        error = np.degrees(truejoint.calibrate(free, name).correct(test)[::20, 0]) - truth
+        axes[1, 0].plot(t, error, color=colour, lw=1.2, label=title)
+    axes[0, 0].set(ylabel="angle [deg]", title="a weight of 100 g is hung on the jaw")
+    axes[1, 0].set(xlabel="time [s]", ylabel="error [deg]")
+    for axis, place in zip(axes[:, 0], ("lower right", "upper right"), strict=True):
+        axis.legend(frameon=False, loc=place, ncols=2)
+    return figure
+
+
+def topics() -> Any:
+    """Draw the nodes of a lab's day and the topics between them."""
+    figure, axes = panels(height=2.2)
+    axis = axes[0, 0]
+    axis.set(xlim=(0, 10), ylim=(0.2, 3.8))
+    axis.axis("off")
+    nodes = {
+        "robot,\nor node simulate": (1.3, 2.9), "node encoders": (1.3, 0.8),
+        "node correct": (5.2, 2.9), "node record": (5.2, 0.8),
+        "your controller": (8.8, 2.9), "calibrate": (8.8, 0.8),
+    }  # fmt: skip
+    for name, (x, y) in nodes.items():
+        axis.text(x, y, name, ha="center", va="center", family="monospace", fontsize=9,
+                  bbox={"boxstyle": "round,pad=0.5", "fc": "#eef3f8", "ec": CORRECTED})  # fmt: skip
+    arrows = (
+        ((2.4, 2.9), (4.4, 2.9), "measured_js\noperating_state"),
+        ((6.0, 2.9), (7.8, 2.9), "corrected/measured_js\ncorrected/status"),
+        ((2.1, 2.5), (4.5, 1.0), ""),
+        ((2.2, 0.8), (4.45, 0.8), "ext_jpos"),
+        ((5.95, 0.8), (8.1, 0.8), "recording"),
+        ((8.2, 1.1), (5.75, 2.5), "model"),
+    )
+    for start, end, text in arrows:
+        axis.add_patch(
+            FancyArrowPatch(start, end, arrowstyle="-|>", mutation_scale=12, color=OTHER)
+        )
+        at = np.mean([start, end], axis=0)
+        axis.text(at[0], at[1] + (0.3 if text == "model" else 0.08), text, ha="center", va="bottom",
+                  fontsize=8, color=TRUE)  # fmt: skip
+    return figure
+
+
+PICTURES: Final[dict[str, Callable[[], Any]]] = {
+    "doubt": doubt,
+    "history": history,
+    "late_or_loop": late_or_loop,
+    "jaw_under_load": jaw_under_load,
+    "loop": loop,
+    "topics": topics,
+}
+
+
+def main(names: list[str]) -> None:
+    """Draw the pictures of these names, all without one, beside this file."""
+    mpl.rcParams |= {"svg.hashsalt": "truejoint", "font.size": 10, "svg.fonttype": "none"}
+    for name in names or PICTURES:
+        path = Path(__file__).with_name(f"{name}.svg")
+        PICTURES[name]().savefig(path, metadata={"Date": None}, facecolor="white")
+        print(path)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
