@@ -25,7 +25,13 @@ from truejoint.cli.app import main
 from truejoint.crtk import Arm, simulated_arm
 from truejoint.crtk.backends import ros as ros_backend
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.messages import JOINT_STATE, PROFILES, STRING_STAMPED, TRUTH_TOPIC
+from truejoint.crtk.messages import (
+    JOINT_STATE,
+    OPERATING_STATES,
+    PROFILES,
+    STRING_STAMPED,
+    TRUTH_TOPIC,
+)
 from truejoint.crtk.ros import StateStream, Transport, open_transport
 from truejoint.errors import CommandRefused, RosError
 from truejoint.export import export_ros
@@ -339,6 +345,27 @@ def test_clients_of_crtk_and_dvrk_move_it_by_their_own_calls(simulator):
         capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+WRITER = """
+import signal, sys
+from truejoint.crtk.ros import open_transport
+ros, (topic, kind) = open_transport(1, "writer"), sys.argv[1:]
+message = ros.message(kind)
+message.state = kind
+ros.publisher(topic, kind, latched=True).publish(message)
+signal.pause()
+"""
+
+
+def test_the_old_and_the_new_name_of_a_message_are_read_on_one_topic(ros):
+    topic, heard = "/both/operating_state", set()
+    end = ros.subscribe(topic, OPERATING_STATES[0], lambda m: heard.add(m.state))
+    with ExitStack() as on:
+        for kind in OPERATING_STATES:
+            on.enter_context(program(sys.executable, "-c", WRITER, topic, kind))
+        until(lambda: heard == set(OPERATING_STATES), "states of both names")
+    end()
 
 
 def test_a_master_that_starts_anew_is_told_all_topics(master, ros, robot):
