@@ -1,7 +1,6 @@
 """Re-zeroing and calibrating by touching a block, on arms that nobody has seen.
 
     python -m benchmarks.touch [--nothing] [--twins nominal peng2024] [--arms 10] [--hours 3]
-        [--guided]
 
 An arm is a specimen of the RAVEN-II twin whose physics are drawn anew: scale, coupling, friction
 and stiffness by up to 20 %, zeros by .3 to .5 deg or mm, run-out by any phase. On the first day it
@@ -13,10 +12,8 @@ that only the twin knows. A touch has .2 mm of noise per axis.
 With `--nothing` there are no joint encoders: thirty planned touches, after the homing, calibrate
 joints and block together. Judged is the tip in the block's frame, its pose as estimated; again with
 two touches 1 mm off in each axis, with two numbers exchanged, with a print .5 % small that nobody
-measured, with links whose angles are off by .2 deg, with three other arms (seeds 200 to 202) or
-the first day of the same arm as a prior, and as single shots of a tracker in place of dimples. A
-twin called ``nominal+loaded`` has another friction. With `--guided` twelve touches are guided with
-that prior, and it is told how often a person is asked and how long they wait for the next dimple.
+measured, with links whose angles are off by .2 deg, and with the first day of the same arm as a
+prior. A twin called ``nominal+loaded`` has another friction.
 """
 
 from __future__ import annotations
@@ -53,7 +50,7 @@ from truejoint.tip import (
     find_block,
     zero_by_touch,
 )
-from truejoint.tip.guide import Guide, choose_touches, design_pose, learning
+from truejoint.tip.plan import choose_touches, design_pose, learning
 from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]
@@ -226,11 +223,7 @@ def planned_points(arm: Arm, seed: int) -> tuple[Block, tuple[Array, Array], lis
     """Thirty dimples that tell most, six of them twice, in order, their pose and the sides."""
     block, *pose = printed_block(arm, seed)
     robot = arm.robot
-    guide = Guide(learning(robot, design_pose(block, robot)), 30, seed=seed)
-    stops = []
-    while (stop := guide.next_stop()) is not None:
-        stops.append(stop)
-        guide.skip(stop)
+    stops = learning(robot, design_pose(block, robot)).plan(30, seed)
     names, sides = [stop.dimple for stop in stops], np.array([stop.side for stop in stops])
     return block, (pose[0], pose[1]), names, sides
 
@@ -304,7 +297,7 @@ def touched_by(session: Session, robot: Robot, chain: SerialChain) -> Block:
     return replace(session.block, points=dict(zip(names, points, strict=True)))
 
 
-def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict[str, Row]:
+def nothing_rows(session: Session, seed: int) -> dict[str, Row]:
     """One arm's rows without joint sensors: clean touches, and wrong ones of the same recording."""
     (recording, touches), block = session.thirty, session.block
     rng, dimples = np.random.default_rng([seed, 67]), list(dict.fromkeys(touches.dimple))
@@ -316,19 +309,17 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
     unseated = replace(block, points=bad)
     unmeasured = replace(block, measured=float("nan"))
     small = replace(unmeasured, points={name: p / 0.995 for name, p in block.points.items()})
-    robot, older = recording.robot, [calibrate(session.training, "linear", random_state=0)]
+    robot, older = recording.robot, calibrate(session.training, "linear", random_state=0)
     straight, crooked = robot.known_kinematics("the benchmark"), bent(robot, 0.2)
 
-    def touch(*given: Any, known: list[Calibration] | tuple[()] = ()) -> Calibration:
-        return calibrate_by_touch(*given, priors=known)[0]
+    def touch(*given: Any, known: Calibration | None = None) -> Calibration:
+        return calibrate_by_touch(*given, prior=known)[0]
 
     cases: dict[str, tuple[Kinematics, Callable[[], Calibration]]] = {
         "clean": (straight, lambda: touch(recording, touches, block)),
         "2 badly seated": (straight, lambda: touch(recording, touches, unseated)),
         "2 numbers exchanged": (straight, lambda: touch(recording, swapped, block)),
         "print .5 % small": (straight, lambda: touch(recording, touches, small)),
-        "other arms": (straight, lambda: touch(recording, touches, block, known=others)),
-        "other arms, small": (straight, lambda: touch(recording, touches, small, known=others)),
         "older": (straight, lambda: touch(recording, touches, block, known=older)),
         "older, small": (straight, lambda: touch(recording, touches, small, known=older)),
         "links .2 deg off": (
@@ -347,54 +338,18 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
     return rows
 
 
-def others_of(specimen: str, first: int) -> list[Calibration]:
-    """Calibrations of three arms of a specimen that are judged nowhere."""
-    sessions = [recorded(specimen, seed, 0.0) for seed in range(first, first + 3)]
-    return [calibrate(one.training, "linear", random_state=0) for one in sessions]
-
-
-def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
-    """Print how often a person is asked in twelve guided touches, and how long they wait."""
-    arm = new_arm(specimen, seed)
-    block, rotation, translation = printed_block(arm, seed)
-    robot, asked = arm.robot, 0
-    guide = Guide(learning(robot, design_pose(block, robot), known), 12, seed=seed)
-    hand, seconds = SimulatedHand(arm, rotation, translation, seed=seed), []
-    with Recorder(arm, session="guided") as recorder:
-        while (stop := guide.next_stop()) is not None:
-            t = hand.touch(block.points[stop.dimple], stop.side)
-            asked += 1
-            arm.wait(0.6)
-            whole, begin = recorder.recording(), (time.perf_counter(), time.process_time())
-            guide.take(stop, t, whole)
-            guide.next_stop()
-            seconds.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
-    hand.close()
-    waits, work = np.array(seconds[3:]).T
-    print(
-        f"{specimen} {seed}: {asked} prompts, {len(guide.touches())} touches; fit and next dimple "
-        f"{np.median(waits):.2f} s, at most {waits.max():.2f}; of processor {np.median(work):.2f} "
-        f"and {work.max():.2f}"
-    )
-
-
 def main() -> None:
     """Measure and print."""
     options = parsed(
         __doc__, twins=["nominal", "peng2024"], arms=10, first=100, hours=0.0,
-        estimators=["linear", "rich_play"], nothing=False, guided=False,
+        estimators=["linear", "rich_play"], nothing=False,
     )  # fmt: skip
     for twin in options.twins:
         rows: list[dict[str, Row]] = []
-        others = others_of(twin, 200) if options.nothing or options.guided else []
-        if options.guided:
-            for seed in range(options.first, options.first + options.arms):
-                guided(twin, seed, others)
-            continue
         for seed in range(options.first, options.first + options.arms):
             session = recorded(twin, seed, options.hours)
             rows.append(
-                nothing_rows(session, seed, others)
+                nothing_rows(session, seed)
                 if options.nothing
                 else rezero_rows(session, options.estimators)
             )

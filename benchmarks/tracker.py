@@ -32,7 +32,7 @@ from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording, Track
 from truejoint.simulation import TwinOutput, make_twin
-from truejoint.tip import Registered, Registration, tracked_truth
+from truejoint.tip import Base, Marker, Registered, Registration, tracked_truth
 from truejoint.units import display_unit
 
 Array = NDArray[np.float64]
@@ -102,8 +102,10 @@ def tracked(
     off, stated = DEVIATIONS * random.standard_normal(9), base.copy()
     stated[:3, :3] = base[:3, :3] @ Rotation.from_rotvec(off[:3]).as_matrix()
     stated[:3, 3] = base[:3, 3] + base[:3, :3] @ off[3:6]
+    turn = Rotation.from_matrix(stated[:3, :3]).as_quat()
     known = Registration(
-        stated, DEVIATIONS[:6], link=LINK, marker=marker[:3, 3] + off[6:], marker_sd=DEVIATIONS[6:]
+        Base(stated[:3, 3], turn, DEVIATIONS[3], DEVIATIONS[0]),
+        Marker(LINK, marker[:3, 3] + off[6:], DEVIATIONS[6]),
     )
     found, registered = tracked_truth(bare(recording), track, known)
     left = np.linalg.inv(base) @ np.linalg.inv(registered.base_from_tracker)

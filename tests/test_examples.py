@@ -36,6 +36,7 @@ PACKAGES = (
     "truejoint.runtime",
     "truejoint.simulation",
     "truejoint.studies",
+    "truejoint.tip",
     "truejoint.units",
 )
 

@@ -150,7 +150,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.crtk.TimeLaw([0, 0], [[1], [2]]), "times (n,) that rise"),
         (lambda model: truejoint.simulation.make_twin("raven2", parameters={}), "not a path"),
         (lambda model: truejoint.simulation.make_twin("raven2", seed="1"), "a whole number"),
-        (lambda model: truejoint.tip.Registration(np.eye(3)), "it must be (4, 4)"),
+        (lambda model: truejoint.tip.Registration(np.eye(3)), "a Base"),
         (
             lambda model: truejoint.tip.find_block(model, motion(1), "t.csv", None),
             "read_touches(path)",

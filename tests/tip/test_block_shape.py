@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from dataclasses import replace
 
@@ -12,7 +11,7 @@ import pytest
 from truejoint.errors import CalibrationError
 from truejoint.motion.touching import joints_at
 from truejoint.robots import get_robot
-from truejoint.tip import block_stl, block_svg, design_block
+from truejoint.tip import block_map, block_stl, design_block
 from truejoint.tip.block import BASE, CONE, PITCH
 
 ROBOT = get_robot("raven2", "left")
@@ -71,14 +70,13 @@ def test_the_dimples_lie_in_no_plane_and_no_turn_repeats_the_block(shape):
     assert np.ptp(points[:, 2]) > 0.03
 
 
-def test_the_drawing_has_every_number_once(shape):
-    numbers = [int(n) for n in re.findall(r">(\d+)</text>", block_svg(shape))]
-    assert numbers == list(range(1, len(shape.block().points) + 1))
-    circles = re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', block_svg(shape))
-    points = 1e3 * np.array(list(shape.block().points.values()))
-    drawn = np.array(circles, dtype=float)
-    assert drawn[:, 0] == pytest.approx(points[:, 0])
-    assert drawn[:, 1] == pytest.approx(1e3 * shape.size[1] - points[:, 1])
+def test_the_map_has_every_number_where_its_dimple_is(shape):
+    rows = [line[2:].split() for line in block_map(shape).splitlines()[1:]][::-1]
+    points = shape.block().points
+    places = {n: (x, y) for y, row in enumerate(rows) for x, n in enumerate(row) if n != "."}
+    assert places.keys() == points.keys()
+    for number, place in places.items():
+        assert points[number][:2] == pytest.approx(PITCH * (np.array(place) + 0.5))
 
 
 def test_a_workspace_that_is_hardly_deep_gets_no_plane_in_place_of_stairs():

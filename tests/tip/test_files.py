@@ -20,6 +20,7 @@ from truejoint.tip import (
     read_block,
     read_pose,
     read_shots,
+    read_touches,
     write_pose,
 )
 from truejoint.tip.block import block_text
@@ -117,22 +118,33 @@ def test_a_plate_without_dimples_is_none():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("read", "text", "said"),
     [
-        ("", "want t,x_mm,y_mm,z_mm"),
-        ("t,x,y,z\n1,2,3,4\n", "want t,x_mm,y_mm,z_mm"),
-        ("t,x_mm,y_mm,z_mm\n", "no dimples; write a line for each"),
-        ("t,x_mm,y_mm,z_mm\n1,2,3\n", "line 2"),
-        ("t,x_mm,y_mm,z_mm\n1,2,far,4\n", "line 2"),
-        ("t,x_mm,y_mm,z_mm\n1,2,nan,4\n", "three numbers of less than 10 m"),
-        ("t,x_mm,y_mm,z_mm\n2,2,3,4\n1,2,3,4\n", "must go up"),
+        (read_touches, "time,number\n1,2\n", "want t,dimple"),
+        (read_touches, "t,dimple\none,2\n", "line 2"),
+        (read_touches, "t,dimple\n1.0\n", "line 2"),
+        (read_touches, "t,dimple\nnan,3\n", "must go up"),
+        (read_touches, "t,dimple\n" + 200_000 * "1", "is not a CSV file of touches"),
+        (read_shots, "", "want t,x_mm,y_mm,z_mm"),
+        (read_shots, "t,x,y,z\n1,2,3,4\n", "want t,x_mm,y_mm,z_mm"),
+        (read_shots, "t,x_mm,y_mm,z_mm\n", "no dimples; write a line for each"),
+        (read_shots, "t,x_mm,y_mm,z_mm\n1,2,3\n", "line 2"),
+        (read_shots, "t,x_mm,y_mm,z_mm\n1,2,far,4\n", "line 2"),
+        (read_shots, "t,x_mm,y_mm,z_mm\n1,2,nan,4\n", "three numbers of less than 10 m"),
+        (read_shots, "t,x_mm,y_mm,z_mm\n2,2,3,4\n1,2,3,4\n", "must go up"),
     ],
 )
-def test_a_file_that_is_not_of_shots_is_refused(tmp_path, text, said):
-    path = tmp_path / "shots.csv"
+def test_a_file_that_is_not_of_touches_or_shots_is_refused(tmp_path, read, text, said):
+    path = tmp_path / "seen.csv"
     path.write_text(text)
     with pytest.raises(CalibrationError, match=said):
-        read_shots(path)
+        read(path)
+
+
+def test_touches_come_back_from_their_file(tmp_path):
+    path = tmp_path / "touches.csv"
+    path.write_text("t, dimple, side\n1.5, 7, +-+\n\n3.25, 12, ---\n")
+    assert read_touches(path) == Touches((1.5, 3.25), ("7", "12"), str(path))
 
 
 def test_shots_come_back_in_metres(tmp_path):

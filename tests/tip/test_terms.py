@@ -13,7 +13,7 @@ from truejoint import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.tip import calibrate_by_touch
-from truejoint.tip.terms import AGAIN, ALIKE, WIDE, Terms, check_priors, learned_priors, wide_priors
+from truejoint.tip.terms import AGAIN, WIDE, Terms, check_prior, learned_priors, wide_priors
 
 TERMS = Terms.of_workspace(ROBOT)
 
@@ -38,46 +38,26 @@ def test_a_linear_calibration_becomes_its_slopes():
     basis = TERMS.basis(*TERMS.columns(features))
     expected = model.predict_error(recording)
     assert basis @ found == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
-    # One arm's calibration is taken for another's.
-    other = replace(model, machine=get_robot("raven2", "right"))
-    assert TERMS.of_calibration(other, recording) == pytest.approx(found, abs=1e-12)
 
 
-def test_of_several_arms_the_mean_and_its_spread_are_expected():
+def test_no_zero_is_held_that_homing_moves(touched_model):
     model, recording = fitted(), session(30, 5)[0]
-    shifts = np.array([[0.0, 0.0, 0.0], [0.08, -0.1, 2e-3], [-0.05, 0.09, 4e-3]])
-    known = [replace(model, offsets={**model.offsets, "model": shift}) for shift in shifts]
-    rows = np.array([TERMS.of_calibration(one, recording) for one in known])
-    priors = learned_priors(TERMS, known, recording)
-    assert priors[0].mean == pytest.approx(rows.mean(axis=0))
-    zeros = rows[:, TERMS.zeros]
-    # Of one more arm against the mean of three.
-    expected = np.sqrt(4 / 3 * zeros.var(axis=0, ddof=1).mean())
-    assert expected > AGAIN["zero"]
-    assert priors[0].sd[TERMS.zeros] == pytest.approx(expected)
+    priors = learned_priors(TERMS, model, recording)
+    assert priors[0].mean == pytest.approx(TERMS.of_calibration(model, recording))
+    assert priors[0].sd == pytest.approx([AGAIN[kind] for kind in TERMS.kinds])
     assert [(p.sd / priors[0].sd).mean() for p in priors] == pytest.approx([1.0, 2.0, 4.0])
-
-
-def test_arms_that_agree_do_not_hold_a_zero_that_homing_moves(touched_model):
-    model, recording = fitted(), session(30, 5)[0]
-    alike = learned_priors(TERMS, [model] * 3, recording)[0]
-    assert alike.sd[TERMS.zeros] == pytest.approx(AGAIN["zero"])
-    kinds = np.array(TERMS.kinds)
-    for kind in ("slope", "square", "play"):
-        assert alike.sd[kinds == kind] == pytest.approx(ALIKE * AGAIN[kind])
-    unsure = learned_priors(TERMS, [touched_model[0]] * 3, recording)[0]
+    unsure = learned_priors(TERMS, touched_model[0], recording)[0]
     stated = np.array(touched_model[0].metadata["touch"]["zero_sd"]) / TERMS.scale
     assert unsure.sd[TERMS.zeros] == pytest.approx(np.hypot(AGAIN["zero"], stated))
     silent = touched_model[0].with_metadata(touch={"zero_sd": "small"})
     with pytest.raises(CalibrationError, match="does not say how surely it knows its zeros"):
-        learned_priors(TERMS, [silent] * 3, recording)
+        learned_priors(TERMS, silent, recording)
 
 
-@pytest.mark.parametrize("copies", [3, 4])  # whose mean is theirs to a bit, and exactly
-def test_copies_of_one_calibration_neither_break_the_fit_nor_hide_its_error(copies):
+def test_a_prior_that_is_exactly_right_does_not_hide_its_error():
     recording, touches, block, _ = session(30, 2, noise=2e-4)
-    model, report = calibrate_by_touch(recording, touches, block, priors=[fitted()] * copies)
-    assert len(model.metadata["touch"]["prior"]) == copies
+    model, report = calibrate_by_touch(recording, touches, block, prior=fitted())
+    assert len(model.metadata["touch"]["prior"]) == 1
     assert (np.linalg.norm(report.left_out, axis=1) > 1e-6).all()
     assert np.sqrt((report.left_out**2).sum(axis=1).mean()) > 2e-4
 
@@ -93,17 +73,9 @@ def test_without_calibrations_little_is_expected():
         assert (other.sd < first.sd).any()
 
 
-@pytest.mark.parametrize(
-    ("count", "machine", "said"),
-    [
-        (1, get_robot("forceps"), "give one of the same robot"),
-        (1, get_robot("raven2", "right"), "or a folder of 3 or more"),
-        (2, ROBOT, "2 calibrations are too few"),
-    ],
-)
-def test_a_prior_that_says_nothing_of_this_arm_is_refused(count, machine, said):
-    known = [replace(fitted(), machine=machine)] * count
-    with pytest.raises(CalibrationError, match=said):
-        check_priors(known, ROBOT)
+@pytest.mark.parametrize("machine", [get_robot("forceps"), get_robot("raven2", "right")])
+def test_a_prior_that_says_nothing_of_this_arm_is_refused(machine):
+    with pytest.raises(CalibrationError, match="give one of this arm"):
+        check_prior(replace(fitted(), machine=machine), ROBOT)
     with pytest.raises(CalibrationError, match="touches correct shoulder, elbow, insertion"):
         TERMS.of_calibration(replace(fitted(), joints=("elbow",)), session(30, 5)[0])

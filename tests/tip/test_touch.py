@@ -12,7 +12,7 @@ from tests.tip.touched_arm import recorded as record
 
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
-from truejoint.tip import Block, BlockPose, Touches, find_block, read_touches, zero_by_touch
+from truejoint.tip import Block, BlockPose, find_block, zero_by_touch
 from truejoint.tip.touch import fit_block
 
 HOMING = (0.002, 0.006, -3e-4)
@@ -140,26 +140,3 @@ def test_touches_that_cannot_be_are_refused(model, pose, first):
         zero_by_touch(bare, first.recording, first.touches, pose)
     with pytest.raises(CalibrationError, match="above 0"):
         zero_by_touch(model, first.recording, first.touches, pose, touch_sd=0.0)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("time,number\n1,2\n", "want t,dimple"),
-        ("t,dimple\none,2\n", "line 2"),
-        ("t,dimple\n1.0\n", "line 2"),
-        ("t,dimple\nnan,3\n", "must go up"),
-        ("t,dimple\n" + 200_000 * "1", "is not a CSV file of touches"),
-    ],
-)
-def test_a_file_that_is_not_of_touches_is_refused(tmp_path, text, said):
-    path = tmp_path / "touches.csv"
-    path.write_text(text)
-    with pytest.raises(CalibrationError, match=said):
-        read_touches(path)
-
-
-def test_touches_come_back_from_their_file(tmp_path):
-    path = tmp_path / "touches.csv"
-    path.write_text("t, dimple, side\n1.5, 7, +-+\n\n3.25, 12, ---\n")
-    assert read_touches(path) == Touches((1.5, 3.25), ("7", "12"), str(path))

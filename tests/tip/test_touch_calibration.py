@@ -154,7 +154,7 @@ def error_in_block(model, at: int = 0) -> float:
 
 def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():
     recording, touches, block, _ = session(12, 4, noise=2e-4)
-    helped, report = calibrate_by_touch(recording, touches, block, priors=[fitted()])
+    helped, report = calibrate_by_touch(recording, touches, block, prior=fitted())
     assert helped.metadata["touch"]["prior"] == ["raven2 (left arm)"]
     assert report.zero_sd[0] < np.deg2rad(1.01)
     assert report.not_seen[0].startswith("zero of shoulder: not seen, assumed within")
@@ -164,7 +164,7 @@ def test_a_prior_that_contradicts_the_touches_is_not_used():
     recording, touches, block, _ = session(30, 2)
     alone, _ = calibrate_by_touch(recording, touches, block)
     wrong = replace(fitted(), offsets={"model": np.array([0.0, 0.5, 0.05])})
-    model, report = calibrate_by_touch(recording, touches, block, priors=[wrong])
+    model, report = calibrate_by_touch(recording, touches, block, prior=wrong)
     assert report.not_seen[-1].startswith("the prior: the touches are likelier without it")
     assert model.metadata["touch"]["prior"] == []
     assert error_in_block(model, 2) == pytest.approx(error_in_block(alone, 2), rel=1e-6)
@@ -175,7 +175,7 @@ def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
     small = replace(block, points={n: p / 0.99 for n, p in block.points.items()}, measured=np.nan)
     _, blind = calibrate_by_touch(recording, touches, small)
     assert any(text.startswith("size of the print: not seen") for text in blind.not_seen)
-    model, report = calibrate_by_touch(recording, touches, small, priors=[fitted()])
+    model, report = calibrate_by_touch(recording, touches, small, prior=fitted())
     (told,) = (text for text in report.not_seen if text.startswith("size of the print: -"))
     assert "measure it, and enter measured_mm" in told
     assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-4])

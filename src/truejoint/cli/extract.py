@@ -92,7 +92,7 @@ class Truth:
     ) -> tuple[truejoint.Recording, dict[str, Any]]:
         stated = None
         if self.registration is not None:
-            stated = truejoint.tip.read_registration(self.registration, recording.robot)
+            stated = truejoint.tip.read_registration(self.registration)
         with progress("Registering the tracker and solving for the joints"):
             recording, registered = truejoint.tip.tracked_truth(
                 recording, track, stated, self.joint or (), offset=self.offset_s, near=self.near_s
@@ -107,7 +107,7 @@ class Truth:
             )
         for label, text in registered.summary().items():
             out.print(f"{label:12} {text}", soft_wrap=True)
-        return recording, {"tracker": registered.to_dict()}
+        return recording, {"tracker": registered}
 
 
 def extract(

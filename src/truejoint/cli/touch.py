@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
+import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -22,13 +22,13 @@ from truejoint.cli.recording_options import Files, NewModel, check_page_target
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.files import check_target, write_all_atomically, write_atomically
-from truejoint.units import shown, with_unit
+from truejoint.units import with_unit
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recorder
     from truejoint.tip import Block, BlockPose, Touches
     from truejoint.tip.fit import TipFit
-    from truejoint.tip.guide import Guide, Stop, Task
+    from truejoint.tip.plan import Stop, Task
 
     Seat = Callable[[Stop], float]
 
@@ -37,7 +37,7 @@ _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
 
 
 def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
-    """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
+    """Design a block of stairs to print: its shape, and its points with a map of their numbers."""
     from truejoint.tip.block import block_text
 
     shape = truejoint.tip.design_block(options.get_robot(robot))
@@ -45,8 +45,7 @@ def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     output.mkdir(parents=True, exist_ok=True)
     contents = {
         "block.stl": truejoint.tip.block_stl(shape),
-        "block.svg": truejoint.tip.block_svg(shape).encode(),
-        "block.toml": block_text(made).encode(),
+        "block.toml": (truejoint.tip.block_map(shape) + block_text(made)).encode(),
     }
     files = {output / name: partial(Path.write_bytes, data=data) for name, data in contents.items()}
     write_all_atomically(files, overwrite=force, error=CalibrationError)
@@ -78,7 +77,7 @@ class Aim:
     def task(self, arm: str, model: Path | None) -> Task:
         """Task of the touches; refuse what does not go together."""
         from truejoint.tip.block import read_block, read_pose
-        from truejoint.tip.guide import design_pose, learning, of_model
+        from truejoint.tip.plan import design_pose, learning, of_model
 
         if model is None and (self.block is None or self.bolted is not None):
             raise CommandRefused(
@@ -99,20 +98,9 @@ class Aim:
             else read_pose(self.bolted)
         )
         if calibration is None:
-            return learning(robot, pose, prior_calibrations(self.prior))
+            older = None if self.prior is None else truejoint.read_calibration(self.prior)
+            return learning(robot, pose, older)
         return of_model(calibration, pose, finds_block=self.bolted is None)
-
-    def following(self, arm: str, model: Path | None, output: Path) -> str:
-        """Command that takes what was touched."""
-        if self.bolted is not None:
-            words = ["rezero", arm, "--touches", output, "--bolted", self.bolted]
-        elif model is not None:
-            words = ["touch", "bolt", arm, "--touches", output, "--block", self.block]
-        else:
-            recording = output.with_suffix(".parquet")
-            words = ["touch", "calibrate", recording, "--touches", output, "--block", self.block]
-            words += [] if self.prior is None else ["--prior", self.prior]
-        return shlex.join(str(word) for word in words)
 
 
 def run(
@@ -120,7 +108,6 @@ def run(
     aim: Aim,
     output: Path | None = None,
     touches: int | None = None,
-    until_mm: float = 0.0,
     by_hand: bool = False,
     namespace: str = "",
     ros: int = 1,
@@ -131,23 +118,16 @@ def run(
     """Touch a block's dimples: which, in which order, and from which sides.
 
     A simulated arm is homed and driven; with --by-hand you steer, and say when the tip is seated.
-    From the fourth touch on each is compared with what the others say, and one that does not fit is
-    asked for once more.
     """
-    from truejoint.tip.guide import Guide
-
     ending = Path(options.robot_and_arm(arm)[0]).suffix
     model = None if ending in {"", ".toml"} and not is_model(Path(arm)) else Path(arm)
     task = aim.task(arm, model)
     count = touches or (_MANY if aim.bolted is None else _FEW)
     if count < task.fewest:
         raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
-    guide = Guide(task, count, seed=seed)
+    stops = task.plan(count, seed)
     if output is None:
-        rows: list[tuple[str, ...]] = []
-        while (stop := guide.next_stop()) is not None:
-            rows.append((str(len(rows) + 1), stop.dimple, stop.words))
-            guide.skip(stop)
+        rows = [(str(k), stop.dimple, stop.words) for k, stop in enumerate(stops, 1)]
         print_table(("touch", "dimple", "come with"), rows, title="Touches, in order")
         return
     if output.suffix != ".csv":
@@ -161,48 +141,41 @@ def run(
         opened as (device, seat),
         truejoint.recordings.Recorder(device, path=path, overwrite=force, **about) as recorder,
     ):
-        made = follow_guide(
-            guide, recorder, seat, output, until_mm / 1e3, fewest=task.fewest, goes_on=by_hand
-        )
+        made = follow_plan(stops, recorder, seat, output, goes_on=by_hand)
     out.print(f"{output}: {len(made)} touches of {task.pose.block.name}")
-    say(f"next: truejoint {aim.following(arm, model, output)} -o ...")
+    following = "rezero" if aim.bolted else "touch bolt" if model else "touch calibrate"
+    say(f"next: truejoint {following} (docs/touch.md)")
 
 
-def follow_guide(
-    guide: Guide, recorder: Recorder, seat: Seat, output: Path, until: float, *,
-    fewest: int = 0, goes_on: bool = False,
-) -> Touches:  # fmt: skip
-    """Touch what a guide says until all is touched, or the tip is stated to be within `until` [m].
+def follow_plan(
+    stops: Sequence[Stop], recorder: Recorder, seat: Seat, output: Path, *, goes_on: bool = False
+) -> Touches:
+    """Touch what is planned; each touch is written at once.
 
-    Not before `fewest` are made.
-
-    `seat` seats the tip and gives the time at which that is done. Each touch is written at once.
-    Where a touch is refused that is said and, if the run `goes_on`, the stop comes again: a person
-    may answer too early. Touches that do not fit each other are said, and kept: of more it may be
-    told which are wrong.
+    `seat` seats the tip and gives the time at which that is done. Where the arm moved meanwhile
+    that is refused or, if the run `goes_on`, said, and the stop comes again: a person may answer
+    too early.
     """
-    while (stop := guide.next_stop()) is not None:
-        t = seat(stop)
+    from truejoint.tip.touch import resting
+
+    made: list[tuple[float, str]] = []
+    while len(made) < len(stops):
+        stop = stops[len(made)]
+        t, recording = seat(stop), recorder.recording()
+        start = recording.provenance.start
+        stamp = t - (0.0 if math.isnan(start) else start)
         try:
-            verdict = guide.take(stop, t, recorder.recording())
+            resting(recording, truejoint.tip.Touches((stamp,), (stop.dimple,)))
         except CalibrationError as error:
-            is_made = guide.next_stop() is not stop
-            if not (is_made or goes_on):
+            if not goes_on:
                 raise
             say(f"  {error}")
-            if is_made:
-                _write(guide.touches(), output)
             continue
-        _write(guide.touches(), output)
-        if verdict.off is not None:
-            off = shown(verdict.off, "m")
-            say(f"  dimple {stop.dimple}: {off} off what the others say; touch it once more")
-        if verdict.tip_sd is not None:
-            near = shown(verdict.tip_sd, "m")
-            say(f"  {verdict.count} touches: tip within {near} (one deviation)")
-            if verdict.tip_sd <= until and verdict.count >= fewest:
-                break
-    return guide.touches()
+        made.append((stamp, stop.dimple))
+        times, dimples = zip(*made, strict=True)
+        touches = truejoint.tip.Touches(times, dimples)
+        _write(touches, output)
+    return touches
 
 
 def _write(touches: Touches, output: Path) -> None:
@@ -273,15 +246,13 @@ def bolt(
         calibration, whole, made, shape, touch_sd=touch_sd_mm / 1e3
     )
     truejoint.tip.write_pose(pose, output, overwrite=force)
-    turn, shift = (
-        with_unit(float(fit.sd[part].max()), unit)
-        for part, unit in ((slice(0, 3), "rad"), (slice(3, 6), "m"))
-    )
+    sd = pose.covariance.diagonal() ** 0.5
+    turn, shift = with_unit(float(sd[:3].max()), "rad"), with_unit(float(sd[3:].max()), "m")
     out.print(f"{output}: {pose.title}, within {turn} and {shift} (one standard deviation)")
     if abs(pose.scale / shape.scale - 1.0) > 3.0 * pose.scale_sd:
         off = 100.0 * (pose.scale / shape.scale - 1.0)
         say(f"the print is {off:+.2f} % of what its file says: measure it, and enter measured_mm")
-    sds = {"turn_sd": fit.sd[:3].tolist(), "shift_sd": fit.sd[3:6].tolist()}
+    sds = {"turn_sd": sd[:3].tolist(), "shift_sd": sd[3:].tolist()}
     scale = {"scale": pose.scale, "scale_sd": pose.scale_sd}
     return Result({"pose": str(output), **sds, **scale, **report_touches(fit, made)})
 
@@ -340,11 +311,12 @@ def calibrate(
     from truejoint.evaluation.report.page import write_touch_report
 
     check_page_target(report, new.force)
-    priors, (touches, block, sd) = prior_calibrations(prior), sightings.read()
+    older = None if prior is None else truejoint.read_calibration(prior)
+    touches, block, sd = sightings.read()
     whole = files.one(recording)
     with progress("Fitting joints and frame"):
         fitted, touch_report = truejoint.tip.calibrate_by_touch(
-            whole, touches, block, touch_sd=sd, priors=priors
+            whole, touches, block, touch_sd=sd, prior=older
         )
     command = command_line()
     fitted = fitted.with_metadata(command=command)
@@ -356,16 +328,3 @@ def calibrate(
     for text in (*touch_report.statement, *touch_report.not_seen):
         out.print(f"  {text}", soft_wrap=True)
     return Result({"model": str(new.output), "metadata": fitted.metadata})
-
-
-def prior_calibrations(prior: Path | None) -> list[truejoint.Calibration]:
-    """Read the model file, or all those in a folder; raises CalibrationError if there are none."""
-    if prior is None:
-        return []
-    if not prior.is_dir():
-        return [truejoint.read_calibration(prior)]
-    paths = [path for path in sorted(prior.iterdir()) if is_model(path)]
-    if not paths:
-        raise CalibrationError(f"{prior}: no model file is in this folder; `calibrate` writes them")
-    say(f"  prior: {', '.join(path.name for path in paths)}")
-    return [truejoint.read_calibration(path) for path in paths]

@@ -1,8 +1,8 @@
 from .block import Block as Block
 from .block import BlockPose as BlockPose
 from .block import BlockShape as BlockShape
+from .block import block_map as block_map
 from .block import block_stl as block_stl
-from .block import block_svg as block_svg
 from .block import design_block as design_block
 from .block import read_block as read_block
 from .block import read_pose as read_pose
@@ -14,7 +14,10 @@ from .touch import find_block as find_block
 from .touch import read_shots as read_shots
 from .touch import read_touches as read_touches
 from .touch import zero_by_touch as zero_by_touch
+from .track import Base as Base
+from .track import Marker as Marker
 from .track import Registered as Registered
 from .track import Registration as Registration
+from .track import Touched as Touched
 from .track import read_registration as read_registration
 from .track import tracked_truth as tracked_truth

@@ -136,7 +136,7 @@ def restricted(
     free = np.flatnonzero(prior.free)
     block = np.ix_(free, free)
     whitening = equations.whitening(joint_sd, np.array(point_sd))
-    white = Whitened.of(equations, whitening, np.ones(len(whitening)))
+    white = Whitened.of(equations, whitening)
     normal, gradient = normal_equations(prior, fit.state, white)
     step = -np.linalg.solve(normal[block], gradient[free])
     left = white.residual + white.jacobian[:, :, free] @ step

@@ -1,6 +1,6 @@
 """A block whose dimples a tool's tip touches: its points, where it stands, its shape to print.
 
-A block of stairs is sized for a robot, and drawn as STL and as SVG.
+A block of stairs is sized for a robot, and drawn as STL.
 """
 
 from __future__ import annotations
@@ -422,42 +422,19 @@ def block_stl(shape: BlockShape) -> bytes:
     return head + len(facets).to_bytes(4, "little") + table.tobytes()
 
 
-def block_svg(shape: BlockShape) -> str:
-    """Drawing of the block from above, in true size: the number of each dimple, and its height.
+def block_map(shape: BlockShape) -> str:
+    """Numbers of the dimples from above, as comments of a block's file: x to the right, y up.
 
     Examples
     --------
-    >>> block_svg(design_block(truejoint.get_robot("raven2"))).startswith("<svg")
-    True
+    >>> print(block_map(design_block(truejoint.get_robot("raven2"))).splitlines()[0])
+    # Numbers of the dimples from above, x to the right, y up:
     """
-    side, height = PITCH * 1e3, shape.size[1] * 1e3
-    numbers, parts = iter(range(1, shape.level.size + 1)), list[str]()
-    for (i, j), level in np.ndenumerate(shape.level):
-        x, y, grey = i * side, height - (j + 1) * side, 235 - 22 * int(level)
-        parts.append(
-            f'<rect x="{x:g}" y="{y:g}" width="{side:g}" height="{side:g}" '
-            f'fill="rgb({grey},{grey},{grey})" stroke="#444" stroke-width="0.2"/>'
-        )
-        if shape.reached[i, j]:
-            ink, middle = "#000" if grey > 150 else "#fff", x + side / 2
-            parts.append(
-                f'<circle cx="{middle:g}" cy="{y + side / 2:g}" r="{CONE * 1e3:g}" fill="none" '
-                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle:g}" y="{y + 2.6:g}" '
-                f'font-size="2.4" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
-            )
-    low, high, wide = BASE * 1e3, shape.size[2] * 1e3, shape.size[0] * 1e3
-    words = (
-        f"{shape.block().name}, numbers as in the block's file",
-        f"x to the right, {wide:g} mm: measure it",
-        f"tops from {low:g} (dark) to {high:g} mm (light)",
-    )
-    for k, line in enumerate(words):
-        parts.append(f'<text x="0" y="{height + 4.5 + 4 * k:g}" font-size="3">{line}</text>')
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide + 4:g}mm" '
-        f'height="{height + 18:g}mm" viewBox="-2 -2 {wide + 4:g} {height + 18:g}" '
-        'font-family="sans-serif">\n' + "\n".join(parts) + "\n</svg>\n"
-    )
+    numbers = np.zeros(shape.level.shape, dtype=np.int64)
+    numbers[shape.reached] = np.arange(1, shape.reached.sum() + 1)
+    rows = ["".join(f"{k or '.':>4}" for k in row) for row in numbers.T[::-1].tolist()]
+    head = "# Numbers of the dimples from above, x to the right, y up:"
+    return "\n".join([head, *(f"# {row}" for row in rows)]) + "\n"
 
 
 def _frame(robot: Robot, chain: Kinematics, pose: Array, tip: Array) -> Array:

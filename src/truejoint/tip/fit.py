@@ -9,7 +9,7 @@ more. The Jacobian of the tip is the kinematics' own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
@@ -38,6 +38,7 @@ NORM_MEDIAN: Final = 1.538
 """Median of the length of three standard normal numbers."""
 _MOST_STEPS: Final = 50
 _SETTLED: Final = 1e-4  # of a parameter's standard deviation
+_NEARLY: Final = 1e-2  # the same where the noise is what residuals say
 _OPEN: Final = 1e-13  # eigenvalue of the scaled normal equations below which a direction is open
 
 
@@ -102,6 +103,7 @@ class TipPrior:
         pose: ArrayLike = np.inf,
         marker: ArrayLike = 0.0,
         scale: float = 0.0,
+        turn: float = 0.0,
         pose_precision: Array | None = None,
     ) -> TipPrior:
         """Prior of independent parameters by their standard deviations.
@@ -111,7 +113,7 @@ class TipPrior:
         `pose`.
         """
         sizes = len(state.coefficients), 6, 3, 1, 3
-        parts = zip((terms, pose, marker, scale, 0.0), sizes, strict=True)
+        parts = zip((terms, pose, marker, scale, turn), sizes, strict=True)
         sd = np.concatenate([np.broadcast_to(np.asarray(part, np.float64), n) for part, n in parts])
         free = sd > 0.0
         precision = np.diag(np.where(free, 1.0 / np.where(free, sd, 1.0) ** 2, 0.0))
@@ -134,8 +136,8 @@ class Equations(NamedTuple):
     def whitening(self, joint_sd: Array, sd: Array) -> Array:
         """Matrices (m, d, d) that turn residuals into numbers of deviation 1.
 
-        Of independent errors `joint_sd` (n_joints,) [rad or m] of the joints and `sd`, (m, d) or
-        (d,), of the points [m, rad].
+        Of independent errors `joint_sd` (n_joints,) [rad or m] of the joints and `sd` (d,), or of
+        all alike, of what is seen [m, rad].
         """
         spread = self.by_joint * joint_sd
         covariance = spread @ spread.transpose(0, 2, 1)
@@ -163,6 +165,9 @@ class TipRows:
     # from row to row [rad or m]
     joint_sd: Array
     orientation: Array | None = None  # (m, 3, 3), of the marker in the frame
+    # (1 or 2,), how many neighbouring rows count as one, of points and of orientations, as they
+    # share what the terms cannot follow; the noise is then what residuals say, and not `point_sd`
+    alike: Array | None = None
 
     def __post_init__(self) -> None:
         arrays = self.joint, self.basis, self.point, self.joint_sd
@@ -320,48 +325,11 @@ class Whitened(NamedTuple):
     weight: Array  # (m,)
 
     @classmethod
-    def of(cls, equations: Equations, whitening: Array, weight: Array | None = None) -> Whitened:
-        """Whiten equations; without a `weight` (m,) Huber's of the residuals' lengths."""
+    def of(cls, equations: Equations, whitening: Array) -> Whitened:
+        """Whiten equations; all rows weigh alike."""
         residual = np.einsum("mij,mj->mi", whitening, equations.residual)
-        if weight is None:
-            weight = huber(np.linalg.norm(residual, axis=1))
-        return cls(equations, whitening, residual, whitening @ equations.by_parameter, weight)
-
-
-class Settled(NamedTuple):
-    """Where Gauss-Newton steps lead, with the equations and normal matrix of the last step."""
-
-    state: TipState
-    whitened: Whitened
-    normal: Array  # (n, n)
-    is_settled: bool
-
-
-def gauss_newton(
-    prior: TipPrior,
-    state: TipState,
-    whiten: Callable[[TipState], Whitened],
-    *,
-    most_steps: int = _MOST_STEPS,
-    tolerance: float = _SETTLED,
-) -> Settled:
-    """Step from `state` until no free parameter moves by more than a share of its deviation.
-
-    `whiten` gives the weighted equations at a state. Raises CalibrationError if points and prior
-    leave a direction of the parameters open.
-    """
-    free, is_settled = np.flatnonzero(prior.free), False
-    for _ in range(most_steps):
-        whitened = whiten(state)
-        normal, gradient = normal_equations(prior, state, whitened)
-        inverse = inverted(normal[np.ix_(free, free)], prior, free)
-        step = np.zeros(len(prior.free))
-        step[free] = -inverse @ gradient[free]
-        state = state.moved(step)
-        is_settled = bool((np.abs(step[free]) <= tolerance * np.sqrt(np.diag(inverse))).all())
-        if is_settled:
-            break
-    return Settled(state, whitened, normal, is_settled)
+        jacobian = whitening @ equations.by_parameter
+        return cls(equations, whitening, residual, jacobian, np.ones(len(residual)))
 
 
 def normal_equations(prior: TipPrior, state: TipState, whitened: Whitened) -> tuple[Array, Array]:
@@ -400,16 +368,19 @@ def fit_rows(
     """Fit corrections and pose to points of the tool: Gauss-Newton, Huber's weights, priors.
 
     After the robust fit, points further than `gate` standard deviations from what all others
-    expect are dropped as outliers, the worst first, and the rest is fitted again. The fit begins at
-    `start`, by default at the prior's state; held parameters are always the prior's. Raises
-    CalibrationError if points and prior leave a direction of the parameters open, the fit does not
-    settle, or more than a fifth of the points, and more than one, are outliers: among few points,
-    the two that are dropped may be the good ones.
+    expect are dropped as outliers, the worst first, and the rest is fitted again. Where the noise
+    is what residuals say, of many rows, those further than `gate` of it weigh nothing at each step.
+    The fit begins at `start`, by default at the prior's state; held parameters are always the
+    prior's. Raises CalibrationError if points and prior leave a direction of the parameters open,
+    the fit does not settle, or more than a fifth of the points, and more than one, are outliers:
+    among few points, the two that are dropped may be the good ones.
     """
     inlier = np.ones(len(rows), dtype=np.bool_)
     state = prior.state
     if start is not None:
         state = state.moved(np.where(prior.free, start.minus(state), 0.0))
+    if rows.alike is not None:
+        return _fit_inliers(rows, prior, state, inlier, gate)
     while True:
         fit = _fit_inliers(rows, prior, state, inlier)
         distance = np.where(inlier, fit.distance, 0.0)
@@ -428,39 +399,59 @@ def fit_rows(
     return _fit_inliers(rows, prior, fit.state, inlier | back) if back.any() else fit
 
 
-def whiten_rows(rows: TipRows, inlier: Mask, state: TipState) -> Whitened:
-    """Equations in deviations that the rows state; outliers weigh nothing."""
-    equations = rows.equations(state)
-    white = Whitened.of(equations, equations.whitening(rows.joint_sd, np.array(rows.point_sd)))
-    return white._replace(weight=white.weight * inlier)
+def noise_of(residual: Array) -> tuple[Array, Array]:
+    """Lengths (m, 1 or 2) of the residuals of points and turns, and their robust deviations."""
+    length = np.linalg.norm(residual.reshape(len(residual), -1, 3), axis=2)
+    return length, np.asarray(np.maximum(np.median(length, axis=0) / NORM_MEDIAN, 1e-12))
 
 
-def huber(distance: Array) -> Array:
-    """Huber's weights (m,) of distances (m,) in standard deviations."""
-    return np.asarray(np.minimum(1.0, HUBER / np.maximum(distance, 1e-300)))
+def whiten_rows(rows: TipRows, inlier: Mask, state: TipState, gate: float = np.inf) -> Whitened:
+    """Equations in deviations, with Huber's weights; outliers, and what is beyond the gate, have 0.
+
+    The deviations are those that the rows state, or else of what residuals say.
+    """
+    equations, sd = rows.equations(state), np.array(rows.point_sd)
+    if rows.alike is not None:
+        length, noise = noise_of(equations.residual)
+        sd = np.repeat(noise * np.sqrt(rows.alike), 3)
+    white = Whitened.of(equations, equations.whitening(rows.joint_sd, sd))
+    distance = np.linalg.norm(white.residual, axis=1)
+    if rows.alike is not None:
+        distance = (length / noise).max(axis=1)
+    weight = np.minimum(1.0, HUBER / np.maximum(distance, 1e-300)) * inlier * (distance <= gate)
+    return white._replace(weight=np.asarray(weight))
 
 
-def _fit_inliers(rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask) -> TipFit:
+def _fit_inliers(
+    rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask, gate: float = np.inf
+) -> TipFit:
     """Fit to the inliers with Huber's weights, and judge every point."""
     free = np.flatnonzero(prior.free)
-    settled = gauss_newton(prior, state, lambda at: whiten_rows(rows, inlier, at))
-    if not settled.is_settled:
-        raise CalibrationError(
-            "the points do not settle on one correction; are they of this arm and this frame?"
-        )
-    state = settled.state
-    white = whiten_rows(rows, inlier, state)
+    block, is_stated = np.ix_(free, free), rows.alike is None
+    settled = _SETTLED if is_stated else _NEARLY
+    for _ in range(_MOST_STEPS):
+        normal, gradient = normal_equations(prior, state, whiten_rows(rows, inlier, state, gate))
+        inverse, step = inverted(normal[block], prior, free), np.zeros(len(prior.free))
+        step[free] = -inverse @ gradient[free]
+        state = state.moved(step)
+        if (np.abs(step[free]) <= settled * np.sqrt(np.diag(inverse))).all():
+            break
+    else:
+        if is_stated:
+            raise CalibrationError(
+                "the points do not settle on one correction; are they of this arm and this frame?"
+            )
+    white = whiten_rows(rows, inlier, state, gate)
     jacobian, residual, weight = white.jacobian, white.residual, white.weight
-    normal, _ = normal_equations(prior, state, white)
-    inverse = inverted(normal[np.ix_(free, free)], prior, free)
     covariance = np.zeros_like(normal)
-    covariance[np.ix_(free, free)] = inverse
+    normal, _ = normal_equations(prior, state, white)
+    covariance[block] = inverted(normal[block], prior, free)
     # What the fit of the others expects of each point: its own share is taken out of the normal
     # equations (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
-    leverage = jacobian @ covariance @ jacobian.transpose(0, 2, 1)
-    without = np.eye(3) - weight[:, None, None] * leverage + 1e-9 * np.eye(3)
+    one, leverage = np.eye(residual.shape[1]), jacobian @ covariance @ jacobian.transpose(0, 2, 1)
+    without = one - weight[:, None, None] * leverage + 1e-9 * one
     deleted = np.linalg.solve(without, residual[:, :, None])
-    spread = np.eye(3) + np.linalg.solve(without, leverage)
+    spread = one + np.linalg.solve(without, leverage)
     distance = np.sqrt((deleted * np.linalg.solve(spread, deleted)).sum(axis=(1, 2)))
     off = prior.state.minus(state)
     misfit = float((weight[:, None] * residual**2).sum() + off @ prior.precision @ off)

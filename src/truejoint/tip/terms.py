@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -37,13 +37,9 @@ TRACKED: Final = {"slope": 0.15, "square": 0.05, "play": 0.03}
 TRACKED_ZERO: Final = {"rad": 0.2, "m": 0.02}
 LEFT: Final = 0.03
 """What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
-ALIKE: Final = 0.1
-"""Share of `AGAIN` that a few arms that agree still leave to each term."""
-FEWEST_ARMS: Final = 3
-"""Calibrations of other arms that say how much arms differ."""
 _SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)  # of `WIDE`, of squares and plays
 _STEEP: Final = (1.0, 0.4, 0.15)  # of `WIDE`, of slopes
-_GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may differ more than the known ones
+_GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may have changed more
 _PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken for its terms
 
 
@@ -154,20 +150,18 @@ class Terms:
     def of_calibration(self, calibration: Calibration, recording: Recording) -> Array:
         """Coefficients (k,) that correct a recording as a calibration does, as nearly as they can.
 
-        The recording is of the calibration's robot, of whatever arm. Least squares, held by `WIDE`
-        where the motion tells nothing. Raises CalibrationError as `Calibration.correct`, or if it
-        corrects other joints.
+        Least squares, held by `WIDE` where the motion tells nothing. Raises CalibrationError as
+        `Calibration.correct`, or if it corrects other joints.
         """
         if set(calibration.joints) != set(self.joints):
             raise CalibrationError(
                 f"the prior {calibration.title} corrects {', '.join(calibration.joints)}; touches "
                 f"correct {', '.join(self.joints)}"
             )
-        same = replace(calibration, machine=recording.robot)
         rows = slice(None, None, max(1, len(recording) // _PROJECTED))
         order = [calibration.joints.index(joint) for joint in self.joints]
-        error = same.predict_error(recording)[rows, order] / self.scale
-        features = self.features.compute(recording, same.gap_limit)[rows]
+        error = calibration.predict_error(recording)[rows, order] / self.scale
+        features = self.features.compute(recording, calibration.gap_limit)[rows]
         basis = self.basis(*self.columns(features)) / self.scale[:, None]
         normal = np.einsum("mja,mjb->ab", basis, basis, optimize=True)
         normal += np.diag(self.sds(WIDE) ** -2.0) * LEFT**2
@@ -215,64 +209,33 @@ def wide_priors(terms: Terms) -> list[TermsPrior]:
     return [TermsPrior(nothing, terms.sds(sds)) for sds in by_kind]
 
 
-def learned_priors(
-    terms: Terms, priors: Sequence[Calibration], recording: Recording
-) -> list[TermsPrior]:
-    """Expect what calibrations say: one of this arm, or at least three of other arms.
+def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> list[TermsPrior]:
+    """Expect what an older calibration of the arm says, within what differs from day to day.
 
-    Other arms give the mean, and the deviation from it of each kind of term over all joints and
-    arms. This arm gives its own coefficients, and how much they differ from day to day. No zero is
-    expected within less than a homing moves it: three arms do not measure that. Arms that agree,
-    or copies of one, do not hold the other terms either. The later priors expect less. Raises
-    CalibrationError as `Terms.of_calibration`, or if a calibration by touches does not state the
-    deviation of its zeros.
+    No zero is expected within less than a homing moves it. The later priors expect less. Raises
+    CalibrationError as `Terms.of_calibration`, or if it is of another arm, or a calibration by
+    touches that does not state the deviation of its zeros.
     """
-    rows = np.array([terms.of_calibration(prior, recording) for prior in priors])
-    if len(rows) == 1:
-        mean, by_kind = rows[0], dict(AGAIN)
-    else:
-        mean, kinds = rows.mean(axis=0), np.array(terms.kinds)
-        # Of a further arm against the mean of these.
-        square = ((rows - mean) ** 2).sum(axis=0) / (len(rows) - 1) * (1.0 + 1.0 / len(rows))
-        least = {kind: sd if kind == "zero" else ALIKE * sd for kind, sd in AGAIN.items()}
-        by_kind = {k: max(float(np.sqrt(square[kinds == k].mean())), least[k]) for k in WIDE}
-    sd = terms.sds(by_kind)
-    unsure = np.array([_zero_sd(prior, len(terms.joints)) for prior in priors]) / terms.scale
-    sd[terms.zeros] = np.sqrt(sd[terms.zeros] ** 2 + np.square(unsure).mean(axis=0))
+    check_prior(known, recording.robot)
+    sd, unsure = terms.sds(AGAIN), np.zeros(len(terms.joints))
+    if "touch" in known.metadata:
+        try:
+            unsure = np.array(known.metadata["touch"]["zero_sd"], dtype=np.float64)
+        except (KeyError, TypeError, ValueError):
+            unsure = np.empty(0)
+        if unsure.shape != terms.scale.shape or not (unsure >= 0.0).all():
+            raise CalibrationError(
+                f"the prior {known.title} was made by touches and does not say how surely it knows "
+                "its zeros; make it again"
+            )
+    sd[terms.zeros] = np.hypot(sd[terms.zeros], unsure / terms.scale)
+    mean = terms.of_calibration(known, recording)
     return [TermsPrior(mean, factor * sd) for factor in _GROWN]
 
 
-def _zero_sd(calibration: Calibration, count: int) -> Array:
-    """Deviation (count,) of its zeros [rad or m], which only a calibration by touches states."""
-    if "touch" not in calibration.metadata:
-        return np.zeros(count)
-    try:
-        sd = np.array(calibration.metadata["touch"]["zero_sd"], dtype=np.float64)
-    except (KeyError, TypeError, ValueError):
-        sd = np.empty(0)
-    if sd.shape != (count,) or not (sd >= 0.0).all():
+def check_prior(known: Calibration, robot: Robot) -> None:
+    """Refuse a calibration that says nothing of a robot's arm."""
+    if (known.robot, known.arm) != (robot.name, robot.arm):
         raise CalibrationError(
-            f"the prior {calibration.title} was made by touches and does not say how surely it "
-            "knows its zeros; make it again"
-        )
-    return sd
-
-
-def check_priors(priors: Sequence[Calibration], robot: Robot) -> None:
-    """Refuse calibrations that say nothing of a robot's arm, or too few to say how arms differ."""
-    for prior in priors:
-        if prior.robot != robot.name:
-            raise CalibrationError(
-                f"the prior is of {prior.title}, the touches are of {robot.title}; give one of the "
-                "same robot"
-            )
-    if len(priors) == 1 and priors[0].arm != robot.arm:
-        raise CalibrationError(
-            f"the prior is of {priors[0].title}, the touches are of {robot.title}; give one of "
-            f"this arm, or a folder of {FEWEST_ARMS} or more of others"
-        )
-    if 1 < len(priors) < FEWEST_ARMS:
-        raise CalibrationError(
-            f"{len(priors)} calibrations are too few to estimate how arms differ; give "
-            f"{FEWEST_ARMS} or more, or the one of this arm"
+            f"the prior is of {known.title}, the touches are of {robot.title}; give one of this arm"
         )

@@ -44,7 +44,6 @@ from truejoint.tip.terms import (
     SPREAD,
     Terms,
     TermsPrior,
-    check_priors,
     learned_priors,
     spread_of,
     wide_priors,
@@ -252,10 +251,9 @@ def tip_rows(
     block: Block,
     *,
     touch_sd: float = TOUCH_SD,
-    offsets: bool = True,
     joint_sd: Array = _NOTHING,
 ) -> TipRows:
-    """Rows of touches with corrected positions, in an offset a joint, or in none.
+    """Rows of touches with corrected positions, in an offset a joint.
 
     `touch_sd` [m] is the standard deviation of a tip from its dimple, per axis; `joint_sd`
     (n_joints,) [rad or m] is what the calibration leaves of each joint, by default the errors of
@@ -273,7 +271,7 @@ def tip_rows(
     )
     joint = recording.columns("measured", robot.joint_names)
     joint[:, robot.index(calibration.joints)] = calibration.correct(recording)
-    basis = np.tile(np.eye(n) if offsets else np.zeros((n, 0)), (len(touches), 1, 1))
+    basis = np.tile(np.eye(n), (len(touches), 1, 1))
     return TipRows.of(
         robot, at_rest(recording, touches, joint), calibration.joints, basis,
         block.at(touches.dimple), touch_sd,
@@ -308,11 +306,11 @@ def find_block(
     check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
     working = touches.among(block.references, are_in=False)
     check_count(working, FEWEST_OF_BLOCK, "find a block's pose")
-    rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd, offsets=False)
+    rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd)
     dimple = np.array(touches.dimple)
     fit = fit_block(rows.rows(~np.isin(dimple, list(block.references))), block)
     _check_misfit(fit, working)
-    robot, state = recording.robot, fit.state
+    robot, state, k = recording.robot, fit.state, len(fit.state.coefficients)
     found = rows.point + rows.residual(state) / state.scale
     references = {
         name: found[dimple == name].mean(axis=0)
@@ -321,7 +319,7 @@ def find_block(
     }
     pose = BlockPose(
         replace(block, references=references), robot.name, robot.arm, state.rotation,
-        state.translation, fit.covariance[:6, :6], state.scale, float(fit.sd[9]),
+        state.translation, fit.covariance[k : k + 6, k : k + 6], state.scale, float(fit.sd[k + 9]),
         fit.rows.corrected_sd, datetime.now(UTC).isoformat(timespec="seconds"),
         recording.provenance.homing_id, str(calibration.metadata.get("data_sha256", "")),
     )  # fmt: skip
@@ -335,7 +333,8 @@ def fit_block(rows: TipRows, block: Block) -> TipFit:
     keep are estimated too, as those of the training are smaller than those of another motion; the
     rows of the fit state them.
     """
-    prior = terms_prior(rows, block, np.empty(0), np.empty(0))
+    held = np.zeros(rows.basis.shape[2])
+    prior = terms_prior(rows, block, held, held)
     loose = accuracy.fit_loosely(rows.with_joint_sd(_ENLARGED * rows.corrected_sd), prior)
     splits = accuracy.split_residuals(loose, rows, np.arange(len(rows)), least=1.0)
     return accuracy.refitted(loose, rows, splits)
@@ -506,9 +505,9 @@ def _check_misfit(fit: TipFit, touches: Touches) -> None:
         )
 
 
-def fewest_touches(priors: Sequence[Calibration]) -> int:
-    """Different touches that it takes at least to calibrate an arm with such priors."""
-    return _CALIBRATING // 2 if priors else _CALIBRATING
+def fewest_touches(prior: Calibration | None) -> int:
+    """Different touches that it takes at least to calibrate an arm with such a prior."""
+    return _CALIBRATING // 2 if prior else _CALIBRATING
 
 
 @dataclass(frozen=True, eq=False)
@@ -586,14 +585,14 @@ def calibrate_by_touch(
     block: Block,
     *,
     touch_sd: float = TOUCH_SD,
-    priors: Sequence[Calibration] = (),
+    prior: Calibration | None = None,
 ) -> tuple[Calibration, TouchReport]:
     """Fit joints and a block's pose together to touches of its dimples.
 
     Of each positioning joint a constant, slopes and squares of all of them, and plays of its own:
     with three joints 39 numbers. The tip is then right in the block's frame, and joints as far as
     `TouchReport.not_seen` leaves them. The prior of the terms is the one under which the touches
-    are likeliest, among wide ones and those that other calibrations give.
+    are likeliest, among wide ones and those that an older calibration gives.
 
     Parameters
     ----------
@@ -603,8 +602,8 @@ def calibrate_by_touch(
     block : Block
     touch_sd : float
         Standard deviation of a tip from its dimple, per axis [m].
-    priors : sequence of Calibration
-        An older one of this arm, or three or more of other arms of the robot, as a prior.
+    prior : Calibration, optional
+        An older one of this arm.
 
     Returns
     -------
@@ -618,7 +617,7 @@ def calibrate_by_touch(
     CalibrationError
         If the workspace is not known, touches are fewer than twelve (with a prior, six), lie in a
         plane and there is no prior, come from one side, or do not fit, or the prior is of another
-        robot or of two arms.
+        arm.
     RobotError
         If the kinematics are not known.
 
@@ -628,12 +627,13 @@ def calibrate_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
+    check_count(touches, fewest_touches(prior), "calibrate")
     touches = touches.among(block.points)
-    check_count(touches, fewest_touches(priors), "calibrate")
+    check_count(touches, fewest_touches(prior), "calibrate")
     terms = Terms.of_workspace(recording.robot)
     shared, plays = terms.columns_of(recording)
-    _check_spread(touches, block, terms, at_rest(recording, touches, plays), priors)
-    fitting = fit_terms(recording, touches, block, terms, (shared, plays), priors, touch_sd)
+    _check_spread(touches, block, terms, at_rest(recording, touches, plays), prior)
+    fitting = fit_terms(recording, touches, block, terms, (shared, plays), prior, touch_sd)
     fit = fitting.fit
     report = _report(touches, block, fitting, terms, recording.robot)
     state, corrected_sd = fit.state, fit.rows.corrected_sd
@@ -662,7 +662,7 @@ def calibrate_by_touch(
         truth="touch",
         touch={
             "touches": len(touches),
-            "prior": [prior.title for prior in priors] if fitting.is_learned else [],
+            "prior": [prior.title] if prior and fitting.is_learned else [],
             "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
             "left_out_rms": report.left_out_rms,
             "tip_error": report.tip.rms,
@@ -689,8 +689,8 @@ class TermsFit(NamedTuple):
     splits: list[Split]
     place: Integers  # (m,), repeats of one place share a number
     noise: float  # Stated standard deviation of a touch, per axis [m]
-    has_priors: bool
-    is_learned: bool  # Whether the likeliest prior is of other calibrations
+    has_prior: bool
+    is_learned: bool  # Whether the likeliest prior is of an older calibration
 
 
 def fit_terms(
@@ -699,20 +699,17 @@ def fit_terms(
     block: Block,
     terms: Terms,
     columns: tuple[Array, Array],
-    priors: Sequence[Calibration],
+    prior: Calibration | None,
     touch_sd: float = TOUCH_SD,
-    *,
-    is_checked: bool = True,
 ) -> TermsFit:
     """Fit terms and a block's pose to touches, under the likeliest prior.
 
     `columns` are the terms', of the recording. The points themselves choose the prior, the errors
     that joints keep and what a touch errs (empirical Bayes). Raises as `fit_rows` and `resting`,
-    and CalibrationError for a prior of another robot or arm and, if it `is_checked`, for points
-    that fit only if something is wrong with them, which is named.
+    and CalibrationError for a prior of another arm, and for points that fit only if
+    something is wrong with them, which is named.
     """
     robot = recording.robot
-    check_priors(priors, robot)
     measured = recording.columns("measured", robot.joint_names)
     rows = TipRows.of(
         robot, at_rest(recording, touches, measured), terms.joints,
@@ -720,7 +717,7 @@ def fit_terms(
         block.at(touches.dimple), touch_sd, LEFT * terms.scale,
     )  # fmt: skip
     place = accuracy.repeated(rows, at_rest(recording, touches, columns[1]))
-    learned = learned_priors(terms, priors, recording) if priors else []
+    learned = learned_priors(terms, prior, recording) if prior else []
     expected = [*learned, *wide_priors(terms)]
     candidates = [terms_prior(rows, block, *each) for each in expected]
     widest = len(learned)
@@ -732,17 +729,15 @@ def fit_terms(
             splits = accuracy.split_residuals(fit, rows, place)
             fit = accuracy.refitted(fit, rows, splits)
     except CalibrationError as error:
-        if is_checked:
-            _check_points(rows, touches, block, expected[widest], place, str(error))
+        _check_points(rows, touches, block, expected[widest], place, str(error))
         raise
     is_learned = best < len(learned)
-    if is_checked:
-        prior = expected[best if is_learned else widest]
-        steep = _steep_slope(fit, terms, prior)
-        is_odd = bool(steep) or fit.rows.point_sd > _ODD * touch_sd
-        how = {"is_odd": is_odd, "is_sized": is_learned}
-        _check_points(rows, touches, block, prior, place, steep, **how)
-    return TermsFit(fit, splits, place, touch_sd, bool(priors), is_learned)
+    likely = expected[best if is_learned else widest]
+    steep = _steep_slope(fit, terms, likely)
+    is_odd = bool(steep) or fit.rows.point_sd > _ODD * touch_sd
+    how = {"is_odd": is_odd, "is_sized": is_learned}
+    _check_points(rows, touches, block, likely, place, steep, **how)
+    return TermsFit(fit, splits, place, touch_sd, prior is not None, is_learned)
 
 
 def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
@@ -802,15 +797,15 @@ def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior
 
 
 def _check_spread(
-    touches: Touches, block: Block, terms: Terms, plays: Array, priors: Sequence[Calibration]
+    touches: Touches, block: Block, terms: Terms, plays: Array, prior: Calibration | None
 ) -> None:
-    """Refuse touches in one plane, unless there are `priors`, and those that come from one side.
+    """Refuse touches in one plane, unless there is a `prior`, and those that come from one side.
 
     `plays` (m, n_joints, n_widths) are as of `Terms.columns`.
     """
     point = block.at(touches.dimple)
     extent = np.linalg.svd(point - point.mean(axis=0), compute_uv=False)
-    if extent[2] < _FLAT * extent[0] and not priors:
+    if extent[2] < _FLAT * extent[0] and prior is None:
         raise CalibrationError(
             f"{touches.source}: all touches lie in one plane, which leaves slopes and a turn open; "
             "touch stairs (truejoint touch block), or give a prior (--prior)"
@@ -902,6 +897,6 @@ def _unseen(block: Block, fitting: TermsFit, terms: Terms) -> list[str]:
             f"noise: the residuals say {with_unit(noise, 'm')} per axis, not "
             f"{with_unit(fitting.noise, 'm')} as stated"
         )
-    if fitting.has_priors and not fitting.is_learned:
+    if fitting.has_prior and not fitting.is_learned:
         words.append("the prior: the touches are likelier without it, so it was not used")
     return words

@@ -1,20 +1,19 @@
 """Truth of the joints from a tracker or a camera: where it stands, and the joints at its points.
 
 The pose of the tracker in the robot's base, the marker's place on the tool, smooth corrections of
-the joints and the delay of the tracker are estimated together, by robust least squares over
-`TipRows`. A zero that no motion can tell from them is named, and must be stated by a person.
+the joints and the delay of the tracker are estimated together, by the fit of `TipRows`. A zero that
+no motion can tell from them is named, and must be stated by a person.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from scipy.signal import medfilt
@@ -35,22 +34,23 @@ from truejoint.recordings.table.stream import GAP_STEPS, Stream
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
-from truejoint.schema import Bounds, Key, Positive, Shape
-from truejoint.summary import Summarised, json_values
+from truejoint.schema import Bounds, Key, Shape
+from truejoint.summary import Summarised
 from truejoint.tip.fit import (
     GATE,
     NORM_MEDIAN,
-    Settled,
+    TipFit,
     TipPrior,
     TipRows,
     TipState,
-    Whitened,
     align,
     cross_matrix,
-    gauss_newton,
-    huber,
+    fit_rows,
     inverted,
+    noise_of,
+    normal_equations,
     pose_matrix,
+    whiten_rows,
 )
 from truejoint.tip.terms import TRACKED, TRACKED_ZERO, Terms
 from truejoint.toml_file import read_toml
@@ -63,8 +63,7 @@ _DELAY_SD: Final = 10.0  # s
 _MARKER_SD: Final = 0.05  # m, of a marker of which nothing is stated
 _FEWEST: Final = 50  # readings of the recording's time
 _MOST_READINGS: Final = 4000  # that the fit takes, spread over the motion
-_STEPS: Final = 40
-_SETTLED: Final = 1e-2  # of a parameter's standard deviation
+_ROUNDS: Final = 3  # of taking rows anew after the delay is estimated
 _PARTS: Final = 20  # of the motion, whose differences give the covariance
 _MIRROR: Final = 0.25  # share of the residual that is left when the points are mirrored
 _UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it
@@ -84,9 +83,133 @@ _WORDS: Final = (
     *(f"the marker's place along {axis} of its link" for axis in "xyz"),
 )
 """A frame's pose and a marker's place, in the order of `TipState.names`."""
+_Point = Annotated[Array, Shape((3,))]
+_ABOVE: Final = Bounds(0.0, above=True)
 
 
-class Stretch(NamedTuple):
+class Base(NamedTuple):
+    """Pose of the robot's base frame in the tracker's, and its deviations per axis.
+
+    Examples
+    --------
+    >>> Base(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), sd=2e-4, turn_sd=5e-4).sd
+    0.0002
+    """
+
+    position: Annotated[_Point, Key("position_mm", 1e-3)]  # [m]
+    quaternion: Annotated[Array, Shape((4,))]  # x, y, z, w
+    sd: Annotated[float, _ABOVE, Key("sd_mm", 1e-3)]  # [m]
+    turn_sd: Annotated[float, _ABOVE, Key("sd_deg", math.pi / 180.0)]  # [rad]
+
+
+class Marker(NamedTuple):
+    """Joint whose link carries a marker, by default the tool; and its place there.
+
+    Examples
+    --------
+    >>> Marker("roll").position is None
+    True
+    """
+
+    link: str = ""
+    position: Annotated[Array | None, Shape((3,)), Key("position_mm", 1e-3)] = None  # [m]
+    sd: Annotated[float | None, _ABOVE, Key("sd_mm", 1e-3)] = None  # per axis [m]
+
+
+class Touched(NamedTuple):
+    """Point of the base that the tracker's pointer touched, in both frames [m].
+
+    Examples
+    --------
+    >>> Touched(np.zeros(3), np.array([0.8, 0.0, 0.3])).base
+    array([0., 0., 0.])
+    """
+
+    base: Annotated[_Point, Key("base_mm", 1e-3)]
+    tracker: Annotated[_Point, Key("tracker_mm", 1e-3)]
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a person knows of a tracker beside a robot, as its file has it (docs/tracker.md).
+
+    Attributes
+    ----------
+    base : Base, optional
+        Pose of the robot's base frame in the tracker's; None where it is to be found.
+    marker : Marker
+    touched : tuple of Touched
+        Points of the base that the tracker has seen.
+    touched_sd : float, optional
+        Of these, per axis [m].
+
+    Raises
+    ------
+    CalibrationError
+        If things that belong together are stated apart, or one thing twice.
+
+    Examples
+    --------
+    >>> Registration(marker=Marker("roll", np.zeros(3), 2e-4)).base is None
+    True
+    """
+
+    base: Base | None = None
+    marker: Marker = field(default_factory=Marker)
+    touched: tuple[Touched, ...] = ()
+    touched_sd: Annotated[float | None, _ABOVE, Key("touched_sd_mm", 1e-3)] = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.base, Base | None):
+            raise CalibrationError(other_kind(self.base, "Base", "Registration(Base(...)) takes"))
+        if self.base is not None and not abs(np.linalg.norm(self.base.quaternion) - 1.0) < 1e-2:
+            raise CalibrationError("base.quaternion: give x, y, z, w of a unit quaternion")
+        if self.base is not None and self.touched:
+            raise CalibrationError("base and touched points state one thing; leave one of them out")
+        if self.marker.position is not None and self.marker.sd is None:
+            raise CalibrationError("marker.sd_mm is missing; state its deviation")
+        if (self.touched_sd is None) != (not self.touched):
+            raise CalibrationError(
+                "touched_sd_mm and touched points belong together; give both, [[touched]] for each "
+                "point, or neither"
+            )
+
+    def known_base(self) -> tuple[Array | None, Array]:
+        """Pose (4, 4) of the tracker in the robot's base [m], None where nothing says it.
+
+        And what is known of it, the inverse covariance (6, 6) of a turn about and a shift along the
+        axes of the base. Raises CalibrationError if touched points lie in a line.
+        """
+        if self.base is not None:
+            turn = Rotation.from_quat(self.base.quaternion).as_matrix()
+            pose = np.asarray(np.linalg.inv(pose_matrix(turn, self.base.position)))
+            return pose, np.diag(np.repeat([self.base.turn_sd, self.base.sd], 3) ** -2.0)
+        if self.touched_sd is None:
+            return None, np.zeros((6, 6))
+        ours, theirs = np.array(self.touched).transpose(1, 0, 2)
+        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
+        precision = np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
+        return pose_matrix(*align(ours, theirs)), precision
+
+
+def read_registration(path: str | os.PathLike[str]) -> Registration:
+    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
+
+    Raises CalibrationError naming the key and the rule that it breaks.
+
+    Examples
+    --------
+    >>> text = '[marker]\nlink = "roll"\nposition_mm = [0, 0, 8]\nsd_mm = 0.2'
+    >>> _ = Path("tracker.toml").write_text(text)
+    >>> read_registration(Path("tracker.toml")).marker.position
+    array([0.   , 0.   , 0.008])
+    """
+    values = read_toml(Path(path), CalibrationError)
+    return schema.read(Registration, values, str(path), CalibrationError)
+
+
+@dataclass(frozen=True)
+class Stretch:
     """A time [s] in which most readings are off, by a distance in the median [m], all left out."""
 
     begin: float
@@ -101,73 +224,6 @@ class Stretch(NamedTuple):
             f"{self.begin:.1f} to {self.end:.1f} s: {self.readings} readings "
             f"{1e3 * self.distance:.1f} mm off, {what}"
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Registration:
-    """What a person knows of a tracker beside a robot.
-
-    Attributes
-    ----------
-    base : ndarray, shape (4, 4), optional
-        Pose of the robot's base frame in the tracker's [m]; None where it is to be found.
-    base_sd : ndarray, shape (6,)
-        Standard deviations of it about and along the axes of the base [rad, then m].
-    touched : ndarray, shape (n, 2, 3)
-        Points of the base that the tracker has seen, in the base's frame and in the tracker's [m].
-    touched_sd : float
-        Per axis [m].
-    link : str
-        Joint whose link carries the marker; empty for the tool behind the last one.
-    marker : ndarray, shape (3,), optional
-        Place of the marker in the frame of that link [m].
-    marker_sd : ndarray, shape (3,)
-        [m].
-    stops : mapping
-        By joint, its measured and its true position where that is known, at a hard stop or in a
-        fixture, and the standard deviation [rad or m].
-
-    Examples
-    --------
-    >>> Registration(marker=np.zeros(3), stops={"shoulder": (0.01, 0.0, 0.001)}).base is None
-    True
-    """
-
-    base: Array | None = None
-    base_sd: Array = field(default_factory=lambda: np.full(6, np.inf))
-    touched: Array = field(default_factory=lambda: np.empty((0, 2, 3)))
-    touched_sd: float = 1e-3
-    link: str = ""
-    marker: Array | None = None
-    marker_sd: Array = field(default_factory=lambda: np.full(3, _MARKER_SD))
-    stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        shapes = {"base": (4, 4), "base_sd": (6,), "marker": (3,), "marker_sd": (3,)}
-        for name, shape in shapes.items():
-            if (value := getattr(self, name)) is not None and np.shape(value) != shape:
-                raise CalibrationError(
-                    f"registration: {name} is of shape {np.shape(value)}; it must be {shape}"
-                )
-        if len(self.touched) and self.base is not None:
-            raise CalibrationError(
-                "registration: it states the base's pose and touched points; leave one of them out"
-            )
-
-    def known_base(self) -> tuple[Array | None, Array]:
-        """Pose (4, 4) of the tracker in the robot's base [m], None where nothing says it.
-
-        And what is known of it, the inverse covariance (6, 6) of a turn about and a shift along the
-        axes of the base. Raises CalibrationError if touched points lie in a line.
-        """
-        if self.base is not None:
-            return np.asarray(np.linalg.inv(self.base)), np.diag(self.base_sd**-2.0)
-        if not len(self.touched):
-            return None, np.zeros((6, 6))
-        ours, theirs = self.touched[:, 0], self.touched[:, 1]
-        pose = pose_matrix(*align(ours, theirs))
-        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
-        return pose, np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,13 +280,6 @@ class Registered(Summarised):
     readings: int
     strays: int
     stretches: tuple[Stretch, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        clock = {"seconds": self.clock.seconds, "sd": self.clock.sd}
-        stretches = [stretch._asdict() for stretch in self.stretches]
-        plain: dict[str, Any] = json_values(vars(self) | {"clock": clock, "stretches": stretches})
-        return plain
 
     def summary(self) -> dict[str, str]:
         """Give transforms with their deviations, delay, noise, and the deviation of each truth."""
@@ -315,8 +364,8 @@ def tracked_truth(
     >>> recording = Recording.from_columns({"t": t, **moved}, "raven2")
     >>> points = robot.kinematics.forward(robot.home + way)[:, :3, 3]
     >>> points += 2e-4 * np.random.default_rng(0).standard_normal(points.shape)
-    >>> small = np.full(3, 1e-4)
-    >>> known = Registration(np.eye(4), np.full(6, 1e-3), marker=np.zeros(3), marker_sd=small)
+    >>> base = Base(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 1e-3, 1e-3)
+    >>> known = Registration(base, Marker("", np.zeros(3), 1e-4))
     >>> tracked, found = tracked_truth(recording, truejoint.recordings.Track(t, points), known)
     >>> tracked.joints_of("truth"), bool(abs(found.clock.seconds) < 0.01)
     (('shoulder', 'elbow', 'insertion'), True)
@@ -325,7 +374,7 @@ def tracked_truth(
     robot = as_recording(recording).robot
     if not isinstance(track, Track):
         raise RecordingError(other_kind(track, "Track", "read_track(path) reads one"))
-    chain, link = carrier(robot, registration.link)
+    chain, link = carrier(robot, registration.marker.link)
     names = tuple(joints) or robot.positioning[:3]
     robot.index(names)
     if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
@@ -336,15 +385,15 @@ def tracked_truth(
     motion = TrackedMotion.of(recording, chain, names)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
     about = _coarse_offset(motion, track, near, begins) if offset is None else offset - begins
-    base, prior, near_track = start_of(registration, motion, track, about, delayed=offset is None)
-    fit = fit_track(motion, near_track, prior, about)
+    base, prior, near_track = _start_of(registration, motion, track, about, delayed=offset is None)
+    fit, about = fit_track(motion, near_track, prior, about)
     _check_seen(track.source, fit, motion)
-    rows, inlier, strays, stretches = _judge(motion, near_track, fit)
+    rows, inlier, strays, stretches = _judge(motion, near_track, fit, about)
     truth, noise_sd, pose_sd = _solve(rows, fit)
     columns = {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
     delay_sd, *sds = fit.sd[len(fit.state.coefficients) - 1 :]
     sd, by = (math.nan, ()) if offset is not None else (float(delay_sd), ("the tool",))
-    clock = ClockOffset(fit.offset + begins, sd, by)
+    clock = ClockOffset(about + begins, sd, by)
     joined, _ = join_truth(recording, Stream(track.t[inlier], columns), clock.seconds)
     registered = Registered(
         base_from_tracker=pose_matrix(fit.state.rotation, fit.state.translation) @ base,
@@ -353,7 +402,7 @@ def tracked_truth(
         link_from_marker=pose_matrix(fit.state.turn, fit.state.marker),
         marker_sd=np.array(sds[6:9]),
         clock=clock,
-        noise=fit.noise,
+        noise=fit.rows.point_sd,
         joints=names,
         units=tuple(robot.joint(name).unit for name in names),
         noise_deviation=noise_sd,
@@ -416,7 +465,7 @@ def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begi
     return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), about)
 
 
-def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
+def _check_seen(source: str, fit: TipFit, motion: TrackedMotion) -> None:
     """Refuse a motion that leaves the zero of a joint open; say what it is mixed up with."""
     k, sd, open_ = len(fit.state.coefficients), fit.sd, []
     places = slice(k, k + len(_WORDS))
@@ -428,23 +477,22 @@ def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
     if open_:
         raise CalibrationError(
             f"{source}: the motion does not tell {', nor '.join(open_)}; state what is known in a "
-            "registration: the base's pose, touched points of it, a stop of the joint, the "
-            "marker's place (--registration, docs/tracker.md)"
+            "registration: the base's pose, touched points of it, the marker's place "
+            "(--registration, docs/tracker.md)"
         )
 
 
 def _judge(
-    motion: TrackedMotion, track: Track, fit: TrackFit
+    motion: TrackedMotion, track: Track, fit: TipFit, offset: float
 ) -> tuple[TipRows, Mask, int, tuple[Stretch, ...]]:
     """Tell inliers from strays, and from stretches of time in which most readings stray.
 
     Gives the rows of the inliers, which readings (n,) these are, the number of strays, and the
     stretches. Refuses points that do not follow the tool, and says when they leave it.
     """
-    stamps, noise = track.t + fit.offset, max(fit.noise, _FINEST)
-    rows, state = motion.rows(stamps, track.position), fit.state
+    stamps, noise, state = track.t + offset, max(fit.rows.point_sd, _FINEST), fit.state
+    rows, inside = motion.rows(stamps, track.position), motion.inside(stamps)
     off = -rows.residual(state) @ state.rotation.T  # in the base's axes
-    inside = motion.inside(stamps)
     stray = inside & (np.linalg.norm(off, axis=1) >= GATE * noise)
     turn, _ = rows.tool_points(state)
     on_link = (turn.transpose(0, 2, 1) @ off[:, :, None])[:, :, 0]
@@ -455,14 +503,14 @@ def _judge(
     out = strays + sum(stretch.readings for stretch in stretches)
     share = out / (out + int(inlier.sum()))
     way = float(np.linalg.norm(np.std(motion.path, axis=0)))
-    if share > _MOST_STRAYS or fit.noise > _MOST_NOISE * way or len(jumps):
+    if share > _MOST_STRAYS or noise > _MOST_NOISE * way or len(jumps):
         words = [str(stretch) for stretch in stretches[:_SHOWN]]
         if len(jumps):
             words.append(f"they jump at {', '.join(f'{t:.1f}' for t in jumps[:_SHOWN])} s")
         when = f" ({'; '.join(words)})" if words else ""
         raise CalibrationError(
             f"{track.source}: the points follow the tool, which moves {1e3 * way:.0f} mm, to no "
-            f"better than {1e3 * fit.noise:.1f} mm, and {100 * share:.0f} % are further off than "
+            f"better than {1e3 * noise:.1f} mm, and {100 * share:.0f} % are further off than "
             f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
             "motion? Look at them, and leave such stretches out"
         )
@@ -491,41 +539,31 @@ def _stretches(
     """Stretches of the time `t` (n,) [s] in which most readings stray, and their readings (n,).
 
     Readings `inside` (n,) the recording are counted. Where all of a stretch are off by the same
-    `shift` (n, 3) [m] on the marker's link, another marker is seen. Two such stretches that follow
-    each other are one, even if a fit that bends to them has no outlier between.
+    `shift` (n, 3) [m] on the marker's link, another marker is seen. Two stretches with less between
+    them than the longer one has are one: a fit may bend to them.
     """
-
-    def off(rows: Integers) -> tuple[Array, float, bool]:
-        """Median (3,) of the shifts [m], their median length, and whether all are alike."""
-        middle = np.median(shift[rows], axis=0)
-        distance, spread = (
-            float(np.median(np.linalg.norm(shift[rows] - origin, axis=1)))
-            for origin in (0.0, middle)
-        )
-        return middle, distance, spread < max(GATE * noise, _ALIKE * distance)
-
     parts: list[Integers] = []
     most = medfilt(stray.astype(np.float64), _RUN)
     for first, end in runs(np.convolve(most, np.ones(_RUN), "same") > 0.0):
         rows = first + np.flatnonzero(stray[first:end])
-        if parts:
-            before, (middle, distance, is_alike) = off(parts[-1]), off(rows)
-            is_near = rows[0] - parts[-1][-1] < max(np.ptp(rows), np.ptp(parts[-1]))
-            between = np.linalg.norm(middle - before[0])
-            is_same = between < max(GATE * noise, _ALIKE * distance)
-            if is_near and before[2] and is_alike and is_same:
-                rows = np.concatenate([parts.pop(), rows])
+        if parts and rows[0] - parts[-1][-1] < max(np.ptp(rows), np.ptp(parts[-1])):
+            rows = np.concatenate([parts.pop(), rows])
         parts.append(rows)
     within, stretches = np.zeros(len(t), dtype=np.bool_), []
     for rows in parts:
         whole = slice(rows[0], rows[-1] + 1)
         within[whole] = True
         begin, end = t[rows[[0, -1]]].tolist()
-        stretches.append(Stretch(begin, end, int(inside[whole].sum()), *off(rows)[1:]))
+        distance, spread = (
+            float(np.median(np.linalg.norm(shift[rows] - origin, axis=1)))
+            for origin in (0.0, np.median(shift[rows], axis=0))
+        )
+        alike = spread < max(GATE * noise, _ALIKE * distance)
+        stretches.append(Stretch(begin, end, int(inside[whole].sum()), distance, alike))
     return tuple(stretches), within
 
 
-def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, Array, Array]:
+def _solve(rows: TipRows, fit: TipFit) -> tuple[Array, Array, Array]:
     """Joints (n, n_joints) at every inlier, and their deviations by noise and by the transforms.
 
     From the point alone, which tells more than an orientation.
@@ -538,7 +576,7 @@ def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, Array, Array]:
         joint[:, columns] -= (back @ equations.residual[:, :, None])[:, :, 0]
     moved = back @ equations.by_parameter[:, :, k:]
     together = np.einsum("mia,ab,mib->mi", moved, fit.covariance[k:, k:], moved)
-    single = fit.noise**2 * (back**2).sum(axis=2)
+    single = fit.rows.point_sd**2 * (back**2).sum(axis=2)
     noise_sd, pose_sd = (np.sqrt(variance.mean(axis=0)) for variance in (single, together))
     return joint[:, columns], noise_sd, pose_sd
 
@@ -555,7 +593,7 @@ class TrackedMotion:
     shared: Array  # Columns of the terms
     plays: Array  # Columns of the terms
     velocity: Array  # Of the joints that are sought [rad/s or m/s]
-    sd: Array  # (k + 1,), prior deviations of the terms' coefficients, and of the delay [s]
+    sd: Array  # (k,), prior deviations of the terms' coefficients
     joint_sd: Array  # (n_joints,), of the joints that are not sought [rad or m]; 0 of the others
 
     @classmethod
@@ -578,7 +616,7 @@ class TrackedMotion:
         joint_sd = np.array([0.0 if j.name in joints else _OTHER_SD[j.unit] for j in robot.joints])
         return cls(
             recording.t, kinematics, terms, tuple(columns), joint, shared, plays, velocity,
-            np.append(sd, _DELAY_SD), joint_sd,
+            sd, joint_sd,
         )  # fmt: skip
 
     @property
@@ -600,24 +638,26 @@ class TrackedMotion:
         return columns.reshape(len(stamps), *values.shape[1:])
 
     def rows(self, stamps: Array, points: Array, quaternion: Array | None = None) -> TipRows:
-        """Rows of points (m, 3) [m], and orientations (m, 4), seen at stamps (m,) [s]."""
+        """Rows of points (m, 3) [m], and orientations (m, 4), seen at stamps (m,) [s].
+
+        The last coefficient is the delay [s].
+        """
         basis = self.terms.basis(self.at(stamps, self.shared), self.at(stamps, self.plays))
         basis = np.dstack([basis, self.at(stamps, self.velocity)])
         turns = None if quaternion is None else Rotation.from_quat(quaternion).as_matrix()
-        joint = self.at(stamps, self.joint)
+        joint, alike = self.at(stamps, self.joint), np.ones(1 if turns is None else 2)
         return TipRows(
-            self.kinematics, joint, self.columns, basis, points, 1.0, self.joint_sd, turns
+            self.kinematics, joint, self.columns, basis, points, 1.0, self.joint_sd, turns, alike
         )
 
 
-def start_of(
+def _start_of(
     registration: Registration, motion: TrackedMotion, track: Track, offset: float, *, delayed: bool
 ) -> tuple[Array, TipPrior, Track]:
     """Give the tracker's pose (4, 4), nearly, the prior of a fit, and the track in that base.
 
-    The `offset` of the clocks [s] counts as stated if not `delayed`; the delay [s] is the last
-    coefficient. Raises CalibrationError if the readings are of another time or of a left-handed
-    frame, or the registration states one thing twice.
+    The `offset` of the clocks [s] counts as stated if not `delayed`. Raises CalibrationError if the
+    readings are of another time or of a left-handed frame.
     """
     stamps = track.t + offset
     inside = motion.inside(stamps)
@@ -627,7 +667,8 @@ def start_of(
             "recording's time; is it the same motion? State the offset of the clocks "
             "(--offset-s), or about (--near-s)"
         )
-    marker = np.zeros(3) if registration.marker is None else registration.marker
+    stated = registration.marker
+    marker = np.zeros(3) if stated.position is None else stated.position
     poses = motion.kinematics.forward(motion.at(stamps[inside], motion.joint))
     tip, point = poses[:, :3, 3] + poses[:, :3, :3] @ marker, track.position[inside]
     as_it_is, mirrored = (
@@ -647,114 +688,48 @@ def start_of(
         rotation = Rotation.from_matrix(base[:3, :3]) * Rotation.from_quat(track.orientation)
         turned, on_link = rotation.as_quat(), Rotation.from_matrix(poses[:, :3, :3]).inv()
         turn = (on_link * rotation[inside]).mean().as_matrix()
-    coefficients, precision = _with_stops(registration, motion)
     prior = TipPrior.of(
-        TipState(coefficients, marker=marker, turn=turn),
-        motion.sd,
-        marker=registration.marker_sd,
+        TipState(np.zeros(len(motion.sd) + 1), marker=marker, turn=turn),
+        np.append(motion.sd, _DELAY_SD if delayed else 0.0),
+        marker=_MARKER_SD if stated.sd is None else stated.sd,
+        turn=0.0 if turned is None else np.inf,
         pose_precision=pose_precision,
     )
-    n, free = len(coefficients), prior.free.copy()
-    prior.precision[:n, :n] = precision
-    free[n - 1], free[-3:] = delayed, turned is not None
     moved = track.position @ base[:3, :3].T + base[:3, 3]
-    return base, replace(prior, free=free), replace(track, position=moved, orientation=turned)
+    return base, prior, replace(track, position=moved, orientation=turned)
 
 
-def _with_stops(registration: Registration, motion: TrackedMotion) -> tuple[Array, Array]:
-    """Coefficients that cables and stops make one expect, and their precision."""
-    precision, terms = np.diag(motion.sd**-2.0), motion.terms
-    pull = np.zeros(len(precision))
-    for name, (measured, true, sd) in registration.stops.items():
-        if name not in terms.joints:
-            raise CalibrationError(
-                f"registration: a stop of {name}, which is none of the joints to be found: "
-                f"{', '.join(terms.joints)}; leave it out"
-            )
-        k = terms.joints.index(name)
-        stop = terms.centre.copy()
-        stop[k] = measured
-        row = np.append(terms.basis_at(stop[None])[0, k], 0.0)
-        precision += np.outer(row, row) / sd**2
-        pull += row * (true - measured) / sd**2
-    return np.asarray(np.linalg.solve(precision, pull), dtype=np.float64), precision
+def fit_track(
+    motion: TrackedMotion, track: Track, prior: TipPrior, offset: float
+) -> tuple[TipFit, float]:
+    """Fit to readings spread over the motion, and find the offset of the clocks [s], delay and all.
 
-
-class TrackFit(NamedTuple):
-    """Parameters that fit the readings."""
-
-    state: TipState  # The last coefficient, the delay, is 0
-    offset: float  # Of the clocks, the delay included [s]
-    noise: float  # Standard deviation of the points, per axis [m]
-    covariance: Array  # (n, n), of the state's parameters and the delay
-
-    @property
-    def sd(self) -> Array:
-        """Standard deviations (n,) of the parameters."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
-
-
-def fit_track(motion: TrackedMotion, track: Track, prior: TipPrior, offset: float) -> TrackFit:
-    """Fit to readings spread over the motion; rows are taken anew after the delay is estimated."""
-    state, place = prior.state, len(prior.state.coefficients) - 1
-    for _ in range(3):
+    Rows are taken anew after the delay is estimated. Neighbouring residuals share what the terms
+    cannot follow, so several count as one: by the variance of parts of the motion against that of
+    single readings. At first no outlier is dropped, as all may be far off. The fit states the noise
+    of the readings, and the covariance of the parameters by how much parts of the motion differ;
+    its last coefficient, the delay, is 0.
+    """
+    state = prior.state
+    for _ in range(_ROUNDS):
         inside = np.flatnonzero(motion.inside(track.t + offset))
         seen = track.rows(inside[:: -(-len(inside) // _MOST_READINGS)])
-        fit = _fit(
-            motion, motion.rows(seen.t + offset, seen.position, seen.orientation), prior, state
-        )
-        delay = float(fit.state.coefficients[place])
+        rows = motion.rows(seen.t + offset, seen.position, seen.orientation)
+        for gate in (math.inf, GATE, GATE):
+            fit = fit_rows(rows, prior, gate=gate, start=state)
+            state, (length, noise) = fit.state, noise_of(fit.residual)
+            near = fit.residual[(length / noise).max(axis=1) <= GATE].reshape(-1, len(noise), 3)
+            means = np.array([near[part].mean(axis=0) for part in _parts(len(near))])
+            share = np.mean(means**2, axis=(0, 2)) / np.mean(near**2, axis=(0, 2))
+            several = np.maximum(1.0, len(near) / _PARTS * share)
+            rows = replace(rows, alike=several, point_sd=float(noise[0]))
+        covariance, delay = _covariance(fit, motion.terms), float(state.coefficients[-1])
         offset += delay
-        coefficients = np.append(fit.state.coefficients[:place], 0.0)
-        state = replace(fit.state, coefficients=coefficients)
-        if abs(delay) < 0.1 * fit.sd[place] or abs(delay) < 1e-5:
+        state = replace(state, coefficients=np.append(state.coefficients[:-1], 0.0))
+        sd = float(np.sqrt(covariance[len(state.coefficients) - 1, len(state.coefficients) - 1]))
+        if abs(delay) < max(0.1 * sd, 1e-5):
             break
-    return fit._replace(state=state, offset=offset)
-
-
-def _fit(motion: TrackedMotion, rows: TipRows, prior: TipPrior, state: TipState) -> TrackFit:
-    """Fit to rows whose noise is estimated from their residuals.
-
-    Neighbouring residuals share what the terms cannot follow, so several count as one: by the
-    variance of parts of the motion against that of single readings. At first no outlier is dropped,
-    as all may be far off.
-    """
-    alike = np.ones(1 if rows.orientation is None else 2)
-
-    def whiten(gate: float, alike: Array, at: TipState) -> Whitened:
-        """Equations in deviations; so many `alike` count as one, and outliers for nothing."""
-        equations = rows.equations(at)
-        length, noise = _lengths(equations.residual)
-        distance = (length / noise).max(axis=1)
-        sd = np.repeat(noise * np.sqrt(alike), 3)
-        weight = huber(distance) * (distance <= gate)
-        return Whitened.of(equations, equations.whitening(rows.joint_sd, sd), weight)
-
-    for gate in (math.inf, GATE, GATE):
-        weighed = partial(whiten, gate, alike)
-        settled = gauss_newton(prior, state, weighed, most_steps=_STEPS, tolerance=_SETTLED)
-        state, residual = settled.state, settled.whitened.equations.residual
-        length, noise = _lengths(residual)
-        near = residual[(length / noise).max(axis=1) <= GATE].reshape(-1, len(alike), 3)
-        means = np.array([near[part].mean(axis=0) for part in _parts(len(near))])
-        share = len(near) / _PARTS * np.mean(means**2, axis=(0, 2)) / np.mean(near**2, axis=(0, 2))
-        alike = np.maximum(1.0, share)
-    covariance = _covariance(settled, prior)
-    # Friction may pass for a delay: as much as the plays explain would be taken for one.
-    free, delay = np.flatnonzero(prior.free), len(state.coefficients) - 1
-    if prior.free[delay]:
-        plays = np.flatnonzero(np.array(motion.terms.kinds) == "play")
-        rest = np.setdiff1d(free, plays)
-        effect = settled.normal[np.ix_(rest, plays)] @ state.coefficients[plays]
-        passed = inverted(settled.normal[np.ix_(rest, rest)], prior, rest) @ effect
-        covariance[delay, delay] += float(passed[np.searchsorted(rest, delay)]) ** 2
-    return TrackFit(state, 0.0, float(noise[0]), covariance)
-
-
-def _lengths(residual: Array) -> tuple[Array, Array]:
-    """Lengths (m, 1 or 2) of the residuals of points and turns, and their robust deviations."""
-    length = np.linalg.norm(residual.reshape(len(residual), -1, 3), axis=2)
-    return length, np.asarray(np.maximum(np.median(length, axis=0) / NORM_MEDIAN, 1e-12))
+    return replace(fit, rows=rows, state=state, covariance=covariance), offset
 
 
 def _parts(m: int) -> list[slice]:
@@ -762,111 +737,34 @@ def _parts(m: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(np.linspace(0, m, _PARTS + 1).astype(int))]
 
 
-def _covariance(settled: Settled, prior: TipPrior) -> Array:
+def _covariance(fit: TipFit, terms: Terms) -> Array:
     """Covariance (n, n) of the parameters, by how much parts of the motion differ.
 
     Delete-a-group jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 11)
     in linear form, and what the prior's own uncertainty adds.
     """
-    free, white = np.flatnonzero(prior.free), settled.whitened
+    prior, free = fit.prior, np.flatnonzero(fit.prior.free)
     block = np.ix_(free, free)
+    white = whiten_rows(fit.rows, ~fit.left_out, fit.state)
+    normal, _ = normal_equations(prior, fit.state, white)
     root = np.sqrt(white.weight)
     residual, jacobian = root[:, None] * white.residual, root[:, None, None] * white.jacobian
     steps = []
     for rows in _parts(len(residual)):
         flat = jacobian[rows].reshape(-1, len(prior.free))
         pull = flat.T @ residual[rows].ravel()
-        steps.append(np.linalg.solve((settled.normal - flat.T @ flat)[block], pull[free]))
+        steps.append(np.linalg.solve((normal - flat.T @ flat)[block], pull[free]))
     off = np.array(steps) - np.mean(steps, axis=0)
-    inverse = inverted(settled.normal[block], prior, free)
-    covariance = np.zeros_like(settled.normal)
+    inverse = inverted(normal[block], prior, free)
+    covariance = np.zeros_like(normal)
     covariance[block] = (_PARTS - 1) / _PARTS * off.T @ off
     covariance[block] += inverse @ prior.precision[block] @ inverse
+    # Friction may pass for a delay: as much as the plays explain would be taken for one.
+    delay = len(fit.state.coefficients) - 1
+    if prior.free[delay]:
+        plays = np.flatnonzero(np.array(terms.kinds) == "play")
+        rest = np.setdiff1d(free, plays)
+        effect = normal[np.ix_(rest, plays)] @ fit.state.coefficients[plays]
+        passed = inverted(normal[np.ix_(rest, rest)], prior, rest) @ effect
+        covariance[delay, delay] += float(passed[np.searchsorted(rest, delay)]) ** 2
     return covariance
-
-
-_Point = Annotated[Array, Shape((3,))]
-_Above = Bounds(0.0, above=True)
-
-
-class _Base(NamedTuple):
-    position: Annotated[_Point, Key("position_mm", 1e-3)]
-    quaternion: Annotated[Array, Shape((4,))]
-    sd: Annotated[float, _Above, Key("sd_mm", 1e-3)]
-    turn_sd: Annotated[float, _Above, Key("sd_deg", math.pi / 180.0)]
-
-
-class _Marker(NamedTuple):
-    link: str = ""
-    position: Annotated[Array | None, Shape((3,)), Key("position_mm", 1e-3)] = None
-    sd: Annotated[float | None, _Above, Key("sd_mm", 1e-3)] = None
-
-
-class _Touched(NamedTuple):
-    base: Annotated[_Point, Key("base_mm", 1e-3)]
-    tracker: Annotated[_Point, Key("tracker_mm", 1e-3)]
-
-
-class _Stop(NamedTuple):
-    joint: str
-    measured: float
-    true: float
-    sd: Positive
-
-
-class _File(NamedTuple):
-    base: _Base | None = None
-    marker: _Marker = _Marker()
-    touched: tuple[_Touched, ...] = ()
-    touched_sd: Annotated[float | None, _Above, Key("touched_sd_mm", 1e-3)] = None
-    stops: tuple[_Stop, ...] = ()
-
-
-def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registration:
-    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
-
-    Raises CalibrationError naming the key and the rule that it breaks, RobotError for a joint that
-    `robot` does not have.
-
-    Examples
-    --------
-    >>> text = '[marker]\nlink = "roll"\nposition_mm = [0, 0, 8]\nsd_mm = 0.2'
-    >>> _ = Path("tracker.toml").write_text(text)
-    >>> read_registration(Path("tracker.toml"), get_robot("raven2")).marker
-    array([0.   , 0.   , 0.008])
-    """
-    values = read_toml(Path(path), CalibrationError)
-    file = schema.read(_File, values, str(path), CalibrationError)
-    stated: dict[str, Any] = {"link": file.marker.link}
-    if file.marker.link:
-        robot.joint(file.marker.link)
-    if file.base is not None:
-        length = np.linalg.norm(file.base.quaternion)
-        if not abs(length - 1.0) < 1e-2:
-            raise CalibrationError(
-                f"{path}: base.quaternion is of length {length:.3g}; give x, y, z, w of a unit "
-                "quaternion"
-            )
-        turn = Rotation.from_quat(file.base.quaternion).as_matrix()
-        stated["base"] = pose_matrix(turn, file.base.position)
-        stated["base_sd"] = np.repeat([file.base.turn_sd, file.base.sd], 3)
-    if file.marker.position is not None:
-        if file.marker.sd is None:
-            raise CalibrationError(f"{path}: marker.sd_mm is missing; state its deviation")
-        stated |= {"marker": file.marker.position, "marker_sd": np.full(3, file.marker.sd)}
-    if (file.touched_sd is None) != (not file.touched):
-        raise CalibrationError(
-            f"{path}: touched_sd_mm and touched points belong together; give both, [[touched]] "
-            "for each point, or neither"
-        )
-    if file.touched:
-        stated["touched"] = np.array([[row.base, row.tracker] for row in file.touched])
-        stated["touched_sd"] = file.touched_sd
-    stops: dict[str, tuple[float, float, float]] = {}
-    for stop in file.stops:
-        joint = robot.joint(stop.joint)
-        if joint.name in stops:
-            raise CalibrationError(f"{path}: two stops of {joint.name}; state one of each joint")
-        scale = display_unit(joint.unit).scale
-        stops[joint.name] = stop.measured / scale, stop.true / scale, stop.sd / scale
-    return Registration(**stated, stops=stops)
