@@ -59,7 +59,7 @@ MIRRORS = {
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/status": ("tests/runtime/test_status.py",),
     "calibration/calibration": ("tests/calibration/test_conformal.py",),
-    "calibration/container": ("tests/calibration/test_model_file.py",),
+    "calibration/model_file": ("tests/calibration/test_model_file.py",),
     "calibration/interval": ("tests/calibration/test_conformal.py",),
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
     "calibration/compatibility": ("tests/calibration/test_zero.py",),

@@ -223,7 +223,7 @@ def unfitted(name: str) -> JointRegressor:
 def some_interval(n_joints: int) -> Interval:
     """Make an interval of no meaning: computing with it takes as long as with any other."""
     widths = np.full((1, n_joints), 0.01)
-    return Interval(np.array([0.9]), widths, widths, widths, 2.0, 0.0, 9, 9)
+    return Interval(np.array([0.9]), widths, widths, 2.0, 0.0, 9, 9)
 
 
 def build(calibration: Calibration, recording: Recording, folder: Path) -> Path:

@@ -191,7 +191,7 @@ def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
 
 
 def test_what_others_wrote_into_a_model_does_not_break_its_text(model: Calibration) -> None:
-    for facts in ({"held_out": 5}, {"held_out": [{"rmse": "x"}]}, {"duration": "long"}):
+    for facts in ({"touch": 5}, {"touch": {"tip_error": "x"}}, {"duration": "long"}):
         assert "linear" in repr(model.with_metadata(**facts))
 
 

@@ -80,13 +80,13 @@ def test_a_few_seconds_of_another_day_are_enough(estimator, tmp_path):
 
 def test_what_it_says_of_itself():
     first = calibrate([motion(0), motion(1)], "linear", features=FEATURES)
-    first = first.with_metadata(held_out=[], choice={})
+    first = first.with_metadata(choice={})
     model = adapted(first, motion(5, zero=0.5))
     assert model.metadata["rows"] == 2000
     assert model.origin.homing_ids == ("5",)
     sources = [session.source for session in model.origin.sessions]
     assert sources == ["motion 5", "motion 0", "motion 1"]
-    assert not {"held_out", "choice"} & set(model.metadata)
+    assert "choice" not in model.metadata
     assert model.interval is None
     assert model.training_domain.error_upper[0] > 0.49 > first.training_domain.error_upper[0]
     assert set(model.baselines) == set(first.baselines)
@@ -153,7 +153,7 @@ def test_what_cannot_be_a_prior_is_refused():
     linear = calibrate(pair, "linear", features=FEATURES)
     for change, says in (
         ({"machine": get_robot("raven2", "left")}, "recordings are of davinci_grasper"),
-        ({"moves": np.ones((2, 1))}, "a zero for each homing"),
+        ({"moves": np.ones((2, 1))}, "re-zeroed by its motor"),
     ):
         with pytest.raises(CalibrationError, match=says):
             adapted(replace(linear, **change), motion(5))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import Zero, calibrate, find_zero
-from truejoint.calibration.fit_task import signal_moves
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
@@ -100,7 +99,7 @@ def test_rows_serve_as_the_recording_does(plain, build):
 def test_rows_are_seen_anew_where_the_inputs_have_moved_and_stay_hidden(plain, build):
     rows = plain.rows(build(200, 3))
     hidden = rows.hide(np.arange(200) < 50)
-    moves = signal_moves([rows.recording], plain.signals, plain.joints)
+    moves = np.array([[s == f"measured/{j}" for j in plain.joints] for s in plain.signals], float)
     moved = replace(plain, moves=moves).shifted(np.full(3, 0.02))
     again = moved.rows(hidden)
     assert not np.array_equal(again.X, rows.X)

@@ -13,15 +13,13 @@ from hypothesis import strategies as st
 from truejoint.calibration import (
     Calibration,
     calibrate,
-    compare_calibrations,
-    find_zero,
     needed_trajectories,
     with_interval,
 )
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
-    trajectory_scores,
+    scores_of,
 )
 from truejoint.calibration.interval import inverse_span, range_excesses
 from truejoint.errors import CalibrationError
@@ -121,7 +119,6 @@ def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration
             "offset_half_widths": [
                 np.abs(t - m - offset) for t, m in zip(truth, measured, strict=True)
             ],
-            "raw_half_widths": [np.abs(t - m) for t, m in zip(truth, measured, strict=True)],
         }
         for name, scores in wanted.items():
             for row, level in enumerate(interval.levels):
@@ -186,9 +183,11 @@ def test_the_errors_are_those_of_what_will_be_believed_of_a_zero(calibration, mo
     sure = replace(calibration, effort_baseline=replace(small, residual=0.1 * small.residual))
     for one in (calibration, sure):
         stated = with_interval(one, motions, rezero=0.2)
-        scores = [trajectory_scores(stated, m, 0.2, stated.interval.growth)[0] for m in motions]
+        scores = [
+            scores_of(stated, stated.rows(m), 0.2, stated.interval.growth)[0] for m in motions
+        ]
         for k, half_width in enumerate(stated.interval.half_width(0.9)):
-            expected = conformal_threshold([own[k] for own in scores], 0.9)
+            expected = conformal_threshold([own[k][np.isfinite(own[k])] for own in scores], 0.9)
             assert half_width == pytest.approx(expected, rel=1e-12)
 
 
@@ -230,15 +229,10 @@ def test_the_recordings_of_the_fit_are_refused(calibration, recording, motions):
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
-    [
-        *[(each, "give a level, a growth") for each in
-          ({"levels": []}, {"growth": -1.0}, {"rezero": float("nan")}, {"growth": 1e3})],
-        ({"rezero": 1e4}, "nothing is left to judge"),  # all of the truth re-zeroes
-    ],
-)  # fmt: skip
-def test_what_no_interval_can_be_made_with_is_refused(calibration, motions, how, said):
-    with pytest.raises(CalibrationError, match=said):
+    "how", [{"levels": []}, {"growth": -1.0}, {"rezero": float("nan")}, {"growth": 1e3}]
+)
+def test_what_no_interval_can_be_made_with_is_refused(calibration, motions, how):
+    with pytest.raises(CalibrationError, match="give a level, a growth"):
         with_interval(calibration, motions, **how)
 
 
@@ -246,24 +240,6 @@ def test_without_an_interval_none_is_made_up(calibration, motions):
     with pytest.raises(CalibrationError, match="states no interval"):
         calibration.correct_with_interval(motions[0])
     assert calibration.baselines["linear"].interval is None
-
-
-def test_two_calibrations_that_differ_by_more_than_they_state_are_found(
-    calibration, motions, build
-):
-    other = with_interval(calibrate(build(1500, 77), "linear", features=FEATURES), motions)
-    first = with_interval(calibration, motions)
-    agreement = compare_calibrations(first, other, motions[0])
-    assert agreement.consistent.all()
-    apart = 3.0 * first.interval.half_width(0.9).max()
-    wrong = other.at(find_zero(other, shifted(motions[0], apart)))
-    found = compare_calibrations(first, wrong, motions[0])
-    assert not found.consistent.any()
-    difference = first.correct(motions[0]) - wrong.correct(motions[0])
-    assert found.difference == pytest.approx(np.sqrt((difference**2).mean(axis=0)))
-    elbow = calibrate(build(1500, 77), "linear", features=FEATURES, joints=["elbow"])
-    with pytest.raises(CalibrationError, match="compare two of the same joints"):
-        compare_calibrations(calibration, elbow, motions[0])
 
 
 def test_single_readings_of_the_truth_make_no_interval(calibration, motions):

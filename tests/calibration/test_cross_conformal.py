@@ -13,7 +13,7 @@ from tests.calibration.test_folds import crossed, jaw
 from tests.synthetic import build_recording
 
 from truejoint.calibration import Calibration, calibrate, cross_interval, folds
-from truejoint.calibration.conformal import conformal_threshold, trajectory_scores
+from truejoint.calibration.conformal import conformal_threshold
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 
@@ -39,21 +39,13 @@ def inside(model, recordings):
     return np.mean(shares)
 
 
-@pytest.mark.parametrize("rezero", [0.0, 0.5])
-def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors(rezero):
-    """Once re-zeroed, of those after what will be believed of a zero."""
+def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
     recordings = [bent(seed, 0.2) for seed in range(12)]
-    model = cross_interval(recordings, "linear", growth=0.0, rezero=rezero)
+    model = cross_interval(recordings, "linear", growth=0.0)
     assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (12, 5, 0)
     assert model.interval.levels.tolist() == [0.8, 0.9]
-    known = model.effort_baseline
     scores = [
-        [
-            trajectory_scores(replace(fit, effort_baseline=known), one, rezero, 0.0)[0, 0]
-            if rezero
-            else np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0]
-            for fit in fits
-        ]
+        [np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0] for fit in fits]
         for one, fits in zip(recordings, unknowing(recordings), strict=True)
     ]
     expected = conformal_threshold(list(map(np.concatenate, scores)), 0.9)
@@ -86,7 +78,7 @@ def test_a_few_recordings_are_cut_and_left_out_whole(count, each):
         fit = calibrate([other for other in recordings if other is not one], "poly2")
         error = (one.error(["jaw"]) - fit.predict_error(one))[:, 0]
         squares.append(error.var())
-        scores += [np.abs(error[part.rows(len(one))]) for part in folds.blocks([one], each)]
+        scores += [np.abs(error[part.first : part.end]) for part in folds.blocks([one], each)]
     expected = conformal_threshold(scores, 0.9)
     assert interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
     assert f"lie outside altogether in 1 of {count + 1} cases" in interval.meaning
@@ -98,8 +90,6 @@ def test_few_homings_are_left_out_whole():
     homed = [homed_as(one, f"h{i % 3}") for i, one in enumerate(six)]
     interval = cross_interval(homed, "linear").interval
     assert (interval.trajectories, interval.folds, interval.cut, interval.whole) == (30, 3, 6, 3)
-    rezeroed = cross_interval(homed, "linear", rezero=0.5).interval
-    assert (rezeroed.folds, rezeroed.whole) == (5, 6)
     assert not interval.any_homing
     assert "after the 3 homings of its 30 trajectories only" in interval.meaning
     assert "takes 9 homings for 90 %" in interval.meaning
@@ -167,8 +157,7 @@ def test_no_less_than_stated_is_covered_on_average():
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
-    [({"levels": [0.999]}, "too few"), ({"growth": -1.0}, "growth"), ({"rezero": 99.0}, "99 s")],
+    ("how", "said"), [({"levels": [0.999]}, "too few"), ({"growth": -1.0}, "growth")]
 )
 def test_what_cannot_be_stated_is_refused(how, said):
     with pytest.raises(CalibrationError, match=said):

@@ -15,7 +15,7 @@ from truejoint.calibration.efforts import (
     count_effort_terms,
     effort_steps,
     effort_terms,
-    has_baseline,
+    residual_baseline,
     residual_statistics,
 )
 from truejoint.recordings import Provenance, Recording
@@ -161,8 +161,9 @@ def test_beginnings_are_looked_at_from_so_many_starts_in_all_and_of_each(
 
 def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration):
     rows = calibration.rows(motion(3, duration=20.0))
-    assert has_baseline([rows])
+    assert residual_baseline(calibration, [rows]) is not None
     still = rows.recording.table.assign(**{"measured/elbow": 1.0})
-    assert not has_baseline([replace(rows, recording=replace(rows.recording, table=still))])
-    assert not has_baseline([replace(rows, joints=("elbow",) * (MAX_JOINTS + 1))])
+    at_rest = replace(rows, recording=replace(rows.recording, table=still))
+    for none in (at_rest, replace(rows, joints=("elbow",) * (MAX_JOINTS + 1))):
+        assert residual_baseline(calibration, [none]) is None
     assert len(get_robot("kuka_kr300").joints) <= MAX_JOINTS

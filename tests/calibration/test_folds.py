@@ -32,8 +32,9 @@ def test_one_recording_is_left_out_a_fifth_at_a_time_and_with_a_gap():
     recording = jaw()
     found = folds.folds([recording])
     assert [fold.name for fold in found] == [f"time {k}" for k in range(1, 6)]
-    rows = sum(fold.parts[0].rows(len(recording)).astype(int) for fold in found)
-    assert (rows == 1).all()
+    edges = [(fold.parts[0].first, fold.parts[0].end) for fold in found]
+    assert [end for _, end in edges] == [first for first, _ in edges[1:]] + [len(recording)]
+    assert edges[0][0] == 0
     (kept,) = folds.without([rows_of(recording)], found[2].parts)
     hidden = ~kept.known
     part = found[2].parts[0]
@@ -88,8 +89,9 @@ def test_of_several_recordings_one_that_is_nearly_all_the_time_loses_fifths(coun
     found = folds.folds(recordings)
     cut = [fold.parts for fold in found if fold.name.startswith("time")]
     assert [len(parts) for parts in cut] == [1] * 5
-    rows = sum(part.rows(lengths[1]).astype(int) for (part,) in cut)
-    assert (rows == 1).all()
+    edges = [(part.first, part.end) for (part,) in cut]
+    assert [end for _, end in edges] == [first for first, _ in edges[1:]] + [lengths[1]]
+    assert edges[0][0] == 0
     assert {part.recording for (part,) in cut} == {1}
     others = [fold for fold in found if not fold.name.startswith("time")]
     whole = [part for fold in others for part in fold.parts]

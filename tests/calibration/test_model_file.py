@@ -17,13 +17,12 @@ from hypothesis import strategies as st
 from truejoint.calibration import (
     Calibration,
     calibrate,
-    container,
+    model_file,
     read_calibration,
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.container import FORMAT_VERSION, from_bytes, to_bytes
-from truejoint.calibration.model_file import decode, encode
+from truejoint.calibration.model_file import FORMAT_VERSION, decode, encode, from_bytes, to_bytes
 from truejoint.errors import ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
 
@@ -131,7 +130,7 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, saved, monkeypatch):
     refused(tmp_path, b"PK12" + saved, "not a safetensors file")
     plain = safetensors.numpy.save({"a": np.zeros(3)})
     refused(tmp_path, plain, "without truejoint's part")
-    monkeypatch.setattr(container, "MAX_FILE_BYTES", 1000)
+    monkeypatch.setattr(model_file, "MAX_FILE_BYTES", 1000)
     refused(tmp_path, saved, "holds more than 1000 bytes")
 
 
@@ -148,8 +147,8 @@ def with_header(header: Any, data: bytes = b"") -> bytes:
         {"__metadata__": {"truejoint": "[" * 50_000}}, {"__metadata__": {"truejoint": "[]"}},
         {"__metadata__": {"truejoint": '{"format": true}'}},
         {"__metadata__": {"truejoint": '{"format": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 6, "a": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 6, "a": "\\ud800"}'}},
+        {"__metadata__": {"truejoint": '{"format": 7, "a": 1e999}'}},
+        {"__metadata__": {"truejoint": '{"format": 7, "a": "\\ud800"}'}},
     ],
     ids=lambda header: str(header)[:40],
 )  # fmt: skip
@@ -174,7 +173,7 @@ def test_hostile_headers_are_refused(tmp_path, header):
     ids=str,
 )  # fmt: skip
 def test_headers_that_lie_about_tensors_are_refused(tmp_path, entry):
-    header = {"__metadata__": {"truejoint": '{"format": 6}'}, "a": entry}
+    header = {"__metadata__": {"truejoint": '{"format": 7}'}, "a": entry}
     refused(tmp_path, with_header(header, bytes(16)), r"tensor|its arrays cannot be read")
 
 

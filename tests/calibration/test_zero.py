@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.runtime.registered import ALIKE, fit, in_loop, inputs, model, ready, training, unseen
+from tests.runtime.registered import ALIKE, fit, in_loop, model, ready, training, unseen
 
 from truejoint.calibration import (
     Calibration,
     calibrate,
     find_zero,
     read_calibration,
-    with_interval,
     write_calibration,
 )
 from truejoint.calibration.conformal import knowing_errors
@@ -25,7 +24,6 @@ from truejoint.calibration.efforts import (
     residual_statistics,
     time_in_motion,
 )
-from truejoint.calibration.fit_task import signal_moves
 from truejoint.calibration.rows import Rows, shift_signals
 from truejoint.calibration.zero import CORRELATION_MARGIN, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
@@ -362,13 +360,9 @@ def homed_apart(recordings: Sequence[Recording]) -> list[Recording]:
     return [replace(one, provenance=name) for one, name in zip(found, names, strict=True)]
 
 
-def off(recording: Recording, calibration: Calibration, zero: str, by: np.ndarray) -> Recording:
-    """The recording with the zero of its truth, or of its measured positions, off."""
-    joints = calibration.joints
-    if zero == "recording":
-        return shift_signals(recording, tuple(f"truth/{joint}" for joint in joints), by)
-    moves = signal_moves([recording], calibration.signals, joints)
-    return shift_signals(recording, calibration.signals, -moves @ by)
+def off(recording: Recording, joints: Sequence[str], by: np.ndarray) -> Recording:
+    """The recording with the zero of its truth off."""
+    return shift_signals(recording, tuple(f"truth/{joint}" for joint in joints), by)
 
 
 def rmse(calibration: Calibration, recording: Recording, rezero: float = START) -> np.ndarray:
@@ -379,33 +373,21 @@ ENOUGH = {"davinci_grasper": 1300}
 """Rows of a recording that are fitted to, where it has many more."""
 
 
-def zeros() -> list[tuple[str, str]]:
-    """Each estimator, and each way in which zeros move another kind of inputs."""
-    own = [name for name in estimator_names() if inputs(name)]
-    moved = {"linear", "gru", *own}  # a model of any features, one that remembers them
-    alike = ALIKE | {"lsm_compensated", "ukf_compensated"}  # with a parameter, one of the others
-    names = [name for name in estimator_names() if name not in alike]
-    return [(name, "recording") for name in names] + [
-        (name, "homing") for name in names if name in moved
-    ]
+alike = ALIKE | {"lsm_compensated", "ukf_compensated"}  # with a parameter, one of the others
 
 
-@pytest.mark.parametrize(("name", "zero"), zeros())
-def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, zero, tmp_path):
+@pytest.mark.parametrize("name", [name for name in estimator_names() if name not in alike])
+def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, tmp_path):
     known = model(name)
     random = np.random.default_rng(3)
     brief = [one.rows(slice(0, ENOUGH.get(one.robot.name))) for one in training(name)[:3]]
     moved = [
-        off(recording, known, zero, 0.03 * random.choice([-1.0, 1.0], len(known.joints)))
+        off(recording, known.joints, 0.03 * random.choice([-1.0, 1.0], len(known.joints)))
         for recording in homed_apart(brief)
     ]
-    if zero == "homing" and "cable/reset" in known.signals and "motor/jaw" in known.signals:
-        with pytest.raises(CalibrationError, match="hardly follows the measured one"):
-            fit(name, moved, zero=zero)
-        return
-    fitted = fit(name, moved, zero=zero)
+    fitted = fit(name, moved, zero="recording")
     other = unseen(name).rows(np.arange(1500))
-    test = off(other, known, zero, np.full(len(known.joints), 0.05))
+    test = off(other, known.joints, np.full(len(known.joints), 0.05))
     of_its_own = fitted.for_rezeroing
     within = 2.0 * rmse(known, other) + 1e-3
     assert (rmse(of_its_own, test) < within).all()
@@ -423,8 +405,7 @@ def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, zero, tmp_path):
         if corrector.step(t, samples[i]) == 0:
             np.testing.assert_array_equal(corrector.position, whole[i])
             good += 1
-    # Zeros that moved the motors leave what so short a training of the cables' filter has seen.
-    assert good > 100 or (name.endswith("_cables") and zero == "homing")
+    assert good > 100
 
 
 @pytest.fixture(scope="module")
@@ -448,9 +429,8 @@ def test_the_second_fit_does_not_know_the_zeros(pair, build, estimator):
     pairs = [(m.for_rezeroing.correct(test)) for m in (first, second)]
     average = zeros.mean(axis=0)  # of the zeros that were put in, which the second fit keeps
     np.testing.assert_allclose(pairs[1] - pairs[0] - average, 0.0, rtol=0, atol=1e-9)
-    found, own = (m.origin.zeros.offsets for m in (second, first))
+    found, own = (m.origin.zeros for m in (second, first))
     np.testing.assert_allclose(found - own, zeros - average, rtol=0, atol=1e-12)
-    assert second.origin.zeros.per == "recording"
     assert (rmse(second, test, 0.0) > 2.0 * rmse(first, test, 0.0)).any()  # the plain one does
 
 
@@ -458,36 +438,18 @@ def test_without_re_zeroing_it_is_the_plain_fit(pair, build):
     plain, _, _ = pair
     test = build(300, 4)
     shared = calibrate(plain, SMALL, features=FEATURES)
-    for zero in ("recording", "homing"):
-        both = calibrate(plain, SMALL, features=FEATURES, zero=zero)
-        assert both.correct(test).tobytes() == shared.correct(test).tobytes()
-        assert set(both.rezeroed_fit.baselines) == set(both.fitted_baselines)
+    both = calibrate(plain, SMALL, features=FEATURES, zero="recording")
+    assert both.correct(test).tobytes() == shared.correct(test).tobytes()
+    assert set(both.rezeroed_fit.baselines) == set(both.fitted_baselines)
     assert shared.for_rezeroing is shared
     assert shared.origin.zeros is None
 
 
-def test_recordings_of_one_homing_share_its_zero(build):
-    names = ("a", "b", "a", "b")
-    recordings = [build(600, seed, homing_id=name) for seed, name in enumerate(names)]
-    found = calibrate(recordings, "linear", features=FEATURES, zero="homing").origin.zeros
-    assert found.names == ("a", "b")
-    one = [build(600, seed) for seed in range(2)]
-    with pytest.raises(CalibrationError, match="zero for each homing takes two of them; all rec"):
-        calibrate(one, "linear", features=FEATURES, zero="homing")
-    with pytest.raises(CalibrationError, match="choose shared, recording, homing"):
-        calibrate(one, "linear", features=FEATURES, zero="session")
-
-
-def test_the_zero_of_a_homing_moves_measured_positions_of_one_sensor(pair):
-    (recording, _), _, _ = pair
-    measured = recording.column("measured/elbow")
-    columns = {"motor/elbow": -35.0 * measured + 0.4, "driver/elbow": np.tanh(measured)}
-    recording = Recording.from_columns(
-        {**recording.table, **columns}, recording.provenance, recording.units
-    )
-    signals = ("measured/elbow", "effort/elbow", "motor/elbow", "driver/elbow", "measured/shoulder")
-    moves = signal_moves([recording], signals, ("elbow", "shoulder"))
-    np.testing.assert_allclose(moves, [[1, 0], [0, 0], [-35, 0], [0, 0], [0, 1]], rtol=1e-9)
+def test_what_has_no_zeros_of_its_own_is_refused(build):
+    with pytest.raises(CalibrationError, match="takes two recordings; give more"):
+        calibrate(build(600, 0), "linear", features=FEATURES, zero="recording")
+    with pytest.raises(CalibrationError, match="choose shared, recording"):
+        calibrate(build(600, 0), "linear", features=FEATURES, zero="session")
 
 
 def test_the_loop_runs_the_fit_for_motions_that_begin_with_a_zero(pair, build):
@@ -508,40 +470,16 @@ def test_the_loop_runs_the_fit_for_motions_that_begin_with_a_zero(pair, build):
     np.testing.assert_array_equal(measured[i] + plain.correction, model.correct(test)[i])
 
 
-def test_an_interval_stays_with_the_fit_that_it_was_made_of(pair, build):
-    plain, _, _ = pair
-    model = calibrate(plain, "linear", features=FEATURES, zero="recording")
-    unseen = [build(200, seed, homing_id=f"h{seed}") for seed in range(2, 12)]
-    truths = [f"truth/{joint}" for joint in model.joints]
-    zeros = np.random.default_rng(0).uniform(-0.1, 0.1, (10, 3))
-    unseen = [shift_signals(r, truths, z) for r, z in zip(unseen, zeros, strict=True)]
-    after = with_interval(model, unseen, rezero=START)
-    before = with_interval(model, unseen)
-    narrow, wide = (m.interval.half_width(0.8) for m in (after.for_rezeroing, before))
-    assert (narrow < 0.2 * wide).all()
-    assert after.interval is None
-    assert before.for_rezeroing.interval is None
-    after = after.for_rezeroing
-    test = build(300, 20)
-    corrector = ready(after, level=0.8)
-    assert corrector.step(0.0, test.table[list(model.signals)].to_numpy()[0]) == 0
-    assert np.isinf(corrector.half_width).all()
-    corrector.rezero(np.zeros(3))
-    corrector.step(1 / 30, test.table[list(model.signals)].to_numpy()[1])
-    assert (corrector.half_width >= after.interval.half_width(0.8)).all()
-
-
 def test_a_zero_that_is_none_is_refused(pair, tmp_path):
     plain, _, _ = pair
-    model = calibrate(plain, "linear", features=FEATURES, zero="homing")
+    model = calibrate(plain, "linear", features=FEATURES, zero="recording")
     for number, wrong in enumerate(
         (
             {"offsets": {"model": np.zeros(2)}},
             {"offsets": {"oracle": np.zeros(3)}},
             {"offsets": {"model": np.full(3, np.nan)}},
             {"moves": np.zeros((2, 3))},
-            {"rezeroed_fit": replace(model.rezeroed_fit, moves=np.zeros((2, 3)))},
-            {"rezeroed_fit": replace(model.rezeroed_fit, baselines={})},
+            {"rezeroed_fit": model.rezeroed_fit._replace(baselines={})},
         )
     ):
         path = tmp_path / f"{number}.safetensors"

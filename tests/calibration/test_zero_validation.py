@@ -12,13 +12,11 @@ from tests.calibration.test_folds import jaw
 from truejoint.calibration import (
     Automatic,
     calibrate,
-    cross_interval,
     find_zero,
     read_calibration,
     write_calibration,
 )
 from truejoint.calibration.choose import validate_zeros
-from truejoint.calibration.fit_task import zero_groups
 from truejoint.calibration.folds import FOLDS, Fold, Part
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
@@ -134,20 +132,6 @@ def test_recordings_that_are_thinned_unlike_each_other_are_judged_all_the_same(m
     model = calibrate([*several(0.3, 7), long, loaded(8, 0.3)], LINEAR, features=features)
     assert model.looks_back
     assert len(model.metadata["choice"]["zero"]["left_out"]) >= 3
-
-
-def test_an_interval_of_the_same_recordings_is_made_of_such_fits(monkeypatch):
-    groups = []
-
-    def grouped(recordings, zero):
-        groups.append((len(recordings), zero))
-        return zero_groups(recordings, zero)
-
-    monkeypatch.setattr("truejoint.calibration.fit.zero_groups", grouped)
-    model = cross_interval(several(0.3), LINEAR, rezero=0.5)
-    assert model.rezeroed_fit.interval.rezero == 0.5
-    assert model.interval is None
-    assert groups[-6:] == [(5, "recording")] + 5 * [(4, "recording")]
 
 
 def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):

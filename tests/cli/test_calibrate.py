@@ -64,11 +64,11 @@ def test_a_chosen_model_is_a_prior_and_its_choice_is_told_once(call: Call, tmp_p
 
 def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions, tmp_path):
     path = tmp_path / "m.safetensors"
-    how = ["-e", "linear", "--interval", "cross", "--interval-rezero-s", "1", "--json"]
+    how = ["-e", "linear", "--interval", "cross", "--json"]
     done = call("calibrate", sessions[0], *how, "-o", path)
     assert done.code == 0, done.err
     assert json.loads(done.out)["metadata"]["interval_sessions"][0]["session"] == "s0"
-    assert read_calibration(path).interval.rezero == 1.0
+    assert read_calibration(path).interval.cut == 1
 
 
 def test_columns_that_check_are_chosen(call: Call, tmp_path):

@@ -67,17 +67,6 @@ def test_a_model_without_an_interval_gives_no_verdict(call, session, pieces):
     assert "No verdict: the model states no interval" in " ".join(said.out.split())
 
 
-def test_two_calibrations_are_compared_without_truth(call, model, pieces, tmp_path):
-    said = call("check", model, pieces / "p9.parquet", "--against", model, "--json")
-    assert said.code == 0, said.err
-    assert all(joint["difference"] == 0.0 for joint in json.loads(said.out)["joints"])
-    wrong = tmp_path / "wrong.safetensors"
-    call("rezero", model, pieces / "homed_again.parquet", "-o", wrong)
-    differ = call("check", model, pieces / "p9.parquet", "--against", wrong)
-    assert differ.code == 1
-    assert "differ by more than both state" in " ".join(differ.out.split())
-
-
 def test_wrong_calls_are_code_2_and_one_line(call, model, pieces, tmp_path):
     for arguments, said in (
         ([model, pieces / "p9.parquet", "--level", "95"], "takes at least 19"),

@@ -36,9 +36,8 @@ AT_ONCE = {
         ("--metadata rate_hz=fast", "'fast' is no number"),
         ("--metadata session=a --metadata session=b", "session was given before; give it once"),
         ("--feature 'play(measured/elbow, x)'", "'x' is not a number"),
-        ("--test davinci_graspr_umn", "did you mean 'davinci_grasper_umn'?"),
+        ("--interval davinci_graspr_umn", "did you mean 'davinci_grasper_umn'?"),
         ("--interval kflex_tendon_sheath:nothing", "no recording fits"),
-        ("--interval-rezero-s 5", "--interval-rezero-s needs --interval"),
         ("--accept outlier", "did you mean 'outliers'?"),
         ("--part 0.7:0.2", "write FROM:TO with 0 <= FROM < TO <= 1"),
         ("--target both", "'both' is not one of"),
@@ -65,7 +64,6 @@ AT_ONCE = {
     ],
     "adapt m.st random.parquet -o new.st": [
         ("--interval cross", "needs `truejoint calibrate`"),
-        ("--weights-mm 9 --reference random.parquet", "--weights-mm and --reference: give one"),
     ],
     "rezero m.st -o new.st": [
         ("", "name the recording to re-zero from, or give --touches"),

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from tests.runtime.streams import stream, trained
 
 from truejoint.calibration import Calibration
-from truejoint.calibration.container import to_bytes
-from truejoint.calibration.model_file import encode
+from truejoint.calibration.model_file import encode, to_bytes
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import family as families

@@ -12,7 +12,6 @@ import pytest
 from sklearn.neighbors import KNeighborsRegressor
 from tests.runtime.streams import faulty
 
-from truejoint.calibration.fit_task import signal_moves
 from truejoint.calibration.interval import Interval
 from truejoint.errors import TruejointError
 from truejoint.estimators import get_estimator
@@ -105,7 +104,7 @@ def test_optimised_as_users_do_it_differs_in_the_last_bits_only(library, name):
 )
 def test_an_interval_is_stated_with_the_same_bits(tmp_path, name, rezero):
     widths = np.full((1, len(model(name).joints)), 0.003)
-    interval = Interval(np.array([0.9]), widths, widths, widths, 2.0, rezero, 12, 12)
+    interval = Interval(np.array([0.9]), widths, widths, 2.0, rezero, 12, 12)
     calibration = replace(model(name), interval=interval)
     library = exported(tmp_path, calibration, flags=PLAIN)
     assert library.functions.check() == 0
@@ -116,7 +115,9 @@ def test_an_interval_is_stated_with_the_same_bits(tmp_path, name, rezero):
 @pytest.mark.parametrize("name", ["dnn", "ukf_elastic"])
 def test_a_zero_that_moved_is_in_the_source(tmp_path, name):
     plain = model(name)
-    moves = signal_moves([unseen(name)], plain.signals, plain.joints)
+    domain = plain.training_domain
+    spans = (domain.signal_upper - domain.signal_lower)[: len(plain.signals)]
+    moves = np.tile(spans[:, None], len(plain.joints))
     calibration = replace(plain, moves=moves).shifted(np.full(len(plain.joints), 0.02))
     assert calibration.signal_shift.any()
     library = exported(tmp_path, calibration)

@@ -16,9 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import write_calibration
-from truejoint.calibration.container import to_bytes
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.model_file import encode
+from truejoint.calibration.model_file import encode, to_bytes
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
 from truejoint.runtime import Corrector, Status
@@ -124,7 +123,7 @@ def interval(rezero: float = 0.0) -> Interval:
     widths = np.array([[0.001, 0.002], [0.003, 0.004]])
     return Interval(
         levels=np.array([0.8, 0.9]), half_widths=widths, offset_half_widths=widths,
-        raw_half_widths=widths, growth=2.0, rezero=rezero, trajectories=20, homings=1,
+        growth=2.0, rezero=rezero, trajectories=20, homings=1,
     )  # fmt: skip
 
 

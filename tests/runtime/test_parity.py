@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.redundancy import fit_parity_equations, redundant_columns
+from truejoint.calibration.redundancy import fit_parity_equations
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Monitor, Status
@@ -86,7 +86,7 @@ def test_columns_that_say_nothing_of_a_joint_are_left_out():
     columns["motor/shoulder"] = np.zeros(len(TRAINING.t))
     units = dict.fromkeys(EFFORTS, "Nm") | dict.fromkeys(MOTORS, "rad")
     odd = Recording.from_columns(columns, TRAINING.provenance, units)
-    equations, used = fit_parity_equations([odd], JOINTS, SIGNALS, redundant_columns([odd]))
+    equations, used = fit_parity_equations([odd], JOINTS, SIGNALS)
     assert equations is None
     assert used == {}
 

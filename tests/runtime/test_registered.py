@@ -15,9 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import write_calibration
-from truejoint.calibration.container import to_bytes
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.model_file import encode
+from truejoint.calibration.model_file import encode, to_bytes
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.features.feature_set import time_steps
@@ -284,7 +283,7 @@ def test_the_stated_width_holds():
 @pytest.mark.parametrize("rezero", [0.0, 10.0])
 def test_an_interval_comes_before_the_filters_own_width(name, rezero):
     widths = np.full((1, len(model(name).joints)), 0.003)
-    interval = Interval(np.array([0.9]), widths, widths, widths, 2.0, rezero, 12, 12)
+    interval = Interval(np.array([0.9]), widths, widths, 2.0, rezero, 12, 12)
     calibration = replace(model(name), interval=interval)
     recording = unseen(name).rows(np.arange(50))
     samples = recording.table[list(calibration.loop_signals)].to_numpy()

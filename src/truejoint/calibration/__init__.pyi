@@ -1,9 +1,6 @@
 from .adapt import adapted as adapted
 from .calibration import Calibration as Calibration
-from .calibration import RezeroedFit as RezeroedFit
 from .choose import Automatic as Automatic
-from .conformal import Agreement as Agreement
-from .conformal import compare_calibrations as compare_calibrations
 from .conformal import cross_interval as cross_interval
 from .conformal import with_interval as with_interval
 from .fit import ENOUGH as ENOUGH
@@ -14,7 +11,6 @@ from .interval import needed_trajectories as needed_trajectories
 from .model_file import read_calibration as read_calibration
 from .model_file import write_calibration as write_calibration
 from .motor_zero import motor_zero as motor_zero
-from .motor_zero import with_stiffness as with_stiffness
 from .rows import Rows as Rows
 from .zero import Zero as Zero
 from .zero import find_zero as find_zero

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,17 +14,16 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.fit import training_origin
-from truejoint.calibration.fit_task import stride_of, training_rows
+from truejoint.calibration.fit_task import training_rows
 from truejoint.calibration.origin import Session
 from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
 from truejoint.estimators.polynomial.learn import check_row_count
-from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
 
-_OF_THE_PRIOR: Final = ("held_out", "command", "fit_seconds", "choice")
+_OF_THE_PRIOR: Final = ("command", "fit_seconds", "choice")
 """Metadata that do not hold."""
 _KEPT: Final = ("created", "rows", "duration", "data_sha256")  # of its metadata, under "prior"
 _LIKE: Final = ("measured", "effort")  # quantities by which rows are like others
@@ -40,7 +38,6 @@ def adapted(
     recordings: Recording | Sequence[Recording],
     *,
     reference: Recording | Sequence[Recording] = (),
-    fit_rate: float | None = None,
 ) -> Calibration:
     """Calibration of another day, tool or arm: a prior, changed as far as recordings say.
 
@@ -66,14 +63,12 @@ def adapted(
         of the eight rows whose measured positions and efforts are most like those of a new row
         (each over its standard deviation), is taken off what it leaves in this. It tells most
         where the new recordings follow the same motion.
-    fit_rate : float, optional
-        Use rows at most at this rate [Hz].
 
     Raises
     ------
     CalibrationError
-        If the prior is of another robot, its estimator cannot be changed so, or its zeros are those
-        of homings; if recordings do not fit it, or the new ones have fewer than 50 rows with truth.
+        If the prior is of another robot, its estimator cannot be changed so, or its motor re-zeroed
+        it; if recordings do not fit it, or the new ones have fewer than 50 rows with truth.
 
     Examples
     --------
@@ -89,8 +84,8 @@ def adapted(
         )
     if prior.for_rezeroing.moves is not None:
         raise CalibrationError(
-            "the prior has a zero for each homing, which moves its inputs; give one that was "
-            "calibrated with a shared zero, or one for each recording"
+            "the prior was re-zeroed by its motor, which moves its inputs; give the one that "
+            "calibrate wrote"
         )
     before = prior.for_rezeroing
     after = replace(before, machine=robot)
@@ -98,15 +93,13 @@ def adapted(
         after.check_recording(recording)
     for recording in reference:
         before.check_recording(recording)
-    see = partial(
-        training_rows,
-        feature_set=before.feature_set, joints=before.joints, gap_limit=before.gap_limit,
-    )  # fmt: skip
-    parts = see(recordings, stride=stride_of(fit_rate, sample_dt(recordings)))
+    how = before.feature_set, before.joints, before.gap_limit
+    parts = training_rows(recordings, *how)
     check_row_count(sum(int(part.known.sum()) for part in parts))
     models = {**after.baselines, "model": after}
     is_each_zeroed = prior.rezeroed_fit is not None
-    usual = _usual_residuals(models, see(reference) if reference else [], parts, is_each_zeroed)
+    known = training_rows(reference, *how) if reference else []
+    usual = _usual_residuals(models, known, parts, is_each_zeroed)
     after, penalties = _changed(after, models, parts, usual)
     origin, facts = training_origin(parts)
     sessions = [*origin.sessions, *before.origin.sessions]  # so that none is judged on

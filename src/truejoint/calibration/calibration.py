@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 
@@ -41,35 +41,12 @@ if TYPE_CHECKING:  # a control loop corrects without them
 Recorded = TypeVar("Recorded")
 
 
-@dataclass(frozen=True, eq=False)
-class RezeroedFit:
-    """Models for motions that begin with re-zeroing, fitted with a zero for each group.
-
-    They are useless without a zero, as all that differs between the groups went into their zeros.
-    `Origin.zeros` says which groups these are.
-
-    Attributes
-    ----------
-    fitted : EstimatorData
-    baselines : mapping of str to EstimatorData
-    moves : ndarray, shape (n_signals, n_joints), optional
-        As `Calibration.moves`.
-    interval : Interval, optional
-        Of positions that were re-zeroed.
-    learnt : JointRegressor, optional
-        As `Calibration.learnt`.
-
-    Examples
-    --------
-    >>> model.rezeroed_fit is None  # one zero for all recordings
-    True
-    """
+class Fit(NamedTuple):
+    """A fitted model, the baselines beside it, and the estimator as it was fitted."""
 
     fitted: EstimatorData
     baselines: Mapping[str, EstimatorData]
-    moves: Array | None = None
-    interval: Interval | None = None
-    learnt: JointRegressor | None = None
+    learnt: JointRegressor | None = None  # no file holds it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +82,9 @@ class Calibration(Summarised):
     effort_baseline: EffortBaseline | None = None  # for the monitors
     parity: ParityEquations | None = None  # of measured positions with `redundant` columns
     redundant: Mapping[str, str] = field(default_factory=dict)  # units of these, by column
-    rezeroed_fit: RezeroedFit | None = None  # where the training recordings do not share one zero
+    rezeroed_fit: Fit | None = None
+    """Fit with a zero for each training recording, for motions that begin with re-zeroing. It is
+    useless without, as all that differs between recordings went into `Origin.zeros`."""
     offsets: Mapping[str, Array] = field(default_factory=dict)
     """Zero (n_joints,) [rad or m] of ``"model"`` and of the baselines; 0 where none is stated."""
     moves: Array | None = None
@@ -210,8 +189,8 @@ class Calibration(Summarised):
         if fit is None:
             return self
         return replace(
-            self, fitted=fit.fitted, fitted_baselines=fit.baselines, interval=fit.interval,
-            moves=fit.moves, learnt=fit.learnt, rezeroed_fit=None,
+            self, fitted=fit.fitted, fitted_baselines=fit.baselines, learnt=fit.learnt,
+            interval=None, rezeroed_fit=None,
         )  # fmt: skip
 
     def at(self, zero: Zero) -> Self:
@@ -360,7 +339,7 @@ class Calibration(Summarised):
         return excess
 
     def with_metadata(self, **items: Any) -> Self:
-        """Add JSON values, such as ``held_out``, to the metadata of a copy.
+        """Add JSON values, such as ``command``, to the metadata of a copy.
 
         Raises CalibrationError if a value is not JSON.
         """
@@ -416,19 +395,16 @@ class Calibration(Summarised):
         if isinstance(rows, int) and isinstance(duration, float):
             within = f", in {took:.1f} s" if isinstance(took, float) else ""
             about["trained on"] = f"{rows} rows, {duration / 60:.1f} min{within}"
-        if self.rezeroed_fit is not None and self.origin.zeros is not None:
-            per = self.origin.zeros.per
-            about["second fit"] = f"for motions that are re-zeroed, with a zero for each {per}"
+        if self.rezeroed_fit is not None:
+            about["second fit"] = "for motions that are re-zeroed, with a zero for each recording"
         if self.zero is not None:
             moved = self._by_joint("", self.zero.shift)
             about["zero"] = f"moved by {moved} ({self.zero.source})"
-        again = self.rezeroed_fit
-        for interval in (self.interval, None if again is None else again.interval):
-            if interval is not None:
-                for level, widths in zip(interval.levels, interval.half_widths, strict=True):
-                    about[f"{100 * level:g} %"] = self._by_joint("± ", widths)
-                about["interval"] = interval.meaning
-        return about | _accuracy_summary(facts, self.estimator)
+        if self.interval is not None:
+            for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):
+                about[f"{100 * level:g} %"] = self._by_joint("± ", widths)
+            about["interval"] = self.interval.meaning
+        return about | _touch_summary(facts.get("touch"))
 
     def _by_joint(self, sign: str, values: Array) -> str:
         units = (self.units[f"measured/{joint}"] for joint in self.joints)
@@ -436,24 +412,15 @@ class Calibration(Summarised):
         return ", ".join(f"{joint} {sign}{with_unit(value, unit)}" for joint, value, unit in each)
 
 
-def _accuracy_summary(facts: Mapping[str, Any], estimator: str) -> dict[str, str]:
-    """Lines of what metadata say of touches and of a held-out set, where they say it."""
-    about, touch, held_out = {}, facts.get("touch"), facts.get("held_out")
+def _touch_summary(touch: Any) -> dict[str, str]:
+    """Lines of what metadata say of touches, where they say it."""
     try:
-        if touch is not None:
-            near, far = (with_unit(touch[k], "m") for k in ("tip_error", "tip_error_workspace"))
-            where = f"near them, {far} over the workspace, in the block's frame"
-            about["truth"] = f"{touch['touches']} touches; tip {near} off {where}"
-            about["not seen"] = "; ".join(touch["not_seen"]) or "-"
-        if held_out is not None:
-            about["held out"] = "RMSE " + ", ".join(
-                f"{row['joint']} {with_unit(row['rmse'], row['unit'])}"
-                for row in held_out
-                if row["estimator"] == estimator
-            )
+        near, far = (with_unit(touch[k], "m") for k in ("tip_error", "tip_error_workspace"))
+        where = f"near them, {far} over the workspace, in the block's frame"
+        truth = f"{touch['touches']} touches; tip {near} off {where}"
+        return {"truth": truth, "not seen": "; ".join(touch["not_seen"]) or "-"}
     except (KeyError, TypeError):  # metadata are free: somebody else's may be called so
-        pass
-    return about
+        return {}
 
 
 def as_calibration(value: Calibration) -> Calibration:

@@ -82,7 +82,6 @@ class Candidate:
     target: Target
     is_simple: bool = False
     is_believed: bool = False  # whether it is made for such a mechanism, and so tried on all folds
-    is_member: bool = True  # whether a weighted mean may hold it
     folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
     errors: dict[int, Array] = field(default_factory=dict)
     """(n_rows, n_joints) by fold [rad or m]; of a simple model where it could not be fitted."""
@@ -224,7 +223,7 @@ class CrossValidation:
         relative = np.mean(np.array(self.products)[folds] / scales, axis=0)
         for number, candidate in enumerate(self.candidates):
             is_raw = isinstance(candidate.model, Raw)  # an offset is one anyhow
-            if is_raw or not (candidate.is_member and self.stands(candidate)):
+            if is_raw or not self.stands(candidate):
                 relative[:, number] = np.nan
         relative[~self.eligible.T] = np.nan
         belief = self.belief
@@ -245,7 +244,7 @@ class CrossValidation:
             w = self.weights(without=fold)
             weighs = w.T[:, :, None] * w.T[:, None, :] > 0.0  # the others may be NaN
             errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, products, 0.0), w)
-        members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(c)]
+        members = [k for k, c in enumerate(self.candidates) if self.stands(c)]
         for joint, yardstick in enumerate(self.yardstick.T):
             numbers = [k for k in members if eligible[k, joint]]
             options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
@@ -264,17 +263,6 @@ class CrossValidation:
             weights[:, joint], errors[:, joint] = options[best], squares[:, best]
         return weights, errors
 
-    def best(self) -> tuple[Array, Array]:
-        """Give what errs least, as `combined` gives it, or what only works offline."""
-        options = [self.combined()]
-        for number, candidate in enumerate(self.candidates):
-            if not candidate.is_member and self.stands(candidate) and self.usable[number].all():
-                weights = np.zeros((len(self.candidates), self.targets.shape[1]))
-                weights[number] = 1.0
-                options.append((weights, self.alone[:, number]))
-
-        return min(options, key=lambda o: float(relative_error(o[1], self.yardstick).mean()))
-
     def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
         if len(self.products) < _TRIED_ON:
@@ -289,7 +277,7 @@ class CrossValidation:
                 (worse[number] > math.log1p(share)).all() for share in (_WORSE, _HOPELESS)
             )
             is_needed = not (is_hopeless or (is_idle[number] and (is_worse or is_beaten)))
-            stays = candidate.is_simple or candidate.is_believed or not candidate.is_member
+            stays = candidate.is_simple or candidate.is_believed
             if not (is_needed or stays or candidate.note) and len(candidate.folds) >= _TRIED_ON:
                 candidate.note = f"given up after {len(candidate.folds)} folds"
 
@@ -383,7 +371,8 @@ def _predict(
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         candidate.spread = np.maximum(candidate.spread, np.sqrt(np.mean(far**2, axis=0)))
-    candidate.is_member = model.member_.family.row is not None
+    if model.member_.family.row is None:
+        candidate.note = "only works offline, so it is used where it is named alone"
     candidate.model = model.member_.settled()
     return np.asarray(predicted - measured[test])
 
@@ -509,8 +498,7 @@ class Automatic:
     ----------
     candidates : sequence of Regressor
         What is tried; by default what the registry says. One that takes features of its own is
-        tried where the recordings have them, and what only works offline is taken for all joints or
-        not at all.
+        tried where the recordings have them; one that only works offline is not chosen.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
@@ -589,7 +577,7 @@ def choose(
     say = automatic.say(progress)
     ends = time.process_time() + _CHOICE_SHARE * automatic.seconds
     judged = _validated(table, left_out, ends, fit_task.within(say, 0.0, share))
-    chosen = table.best()
+    chosen = table.combined()
     if tries_rates and len(judged) > 1 and time.process_time() < ends:
         for number in np.flatnonzero(
             chosen[0].any(axis=1)
@@ -602,7 +590,7 @@ def choose(
         rest = fit_task.within(say, share, 1.0 - share)
         for number, fold in enumerate(judged):
             cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
-        chosen = table.best()
+        chosen = table.combined()
     say(1.0, "Fitting what was chosen")
     evidence = _evidence(table, *chosen, names) | {
         "left_out": [fold.name for fold in judged],
@@ -691,8 +679,7 @@ def _estimator(
     in_use = weights.any(axis=1)
     members = [table.candidates[k] for k in np.flatnonzero(in_use)]
     first = members[0]
-    is_bare = first.is_simple or first.model.family.inputs or not first.is_member
-    if len(members) == 1 and is_bare:
+    if len(members) == 1 and (first.is_simple or first.model.family.inputs):
         return first.model, FeatureSet.parse(first.features), first.target
     mixed = len({member.target for member in members}) > 1
     measured = tuple(f"measured/{joint}" for joint in joints) if mixed else ()

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array
 from truejoint.calibration import folds
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.choose import Automatic
@@ -64,8 +63,8 @@ def with_interval(
         Probabilities to state. Those that the trajectories are too few for are left out.
     rezero : float
         When above 0, the first `rezero` seconds of truth of every recording set its zero
-        (`find_zero`) and are not scored: the interval then holds after re-zeroing likewise, for the
-        fit with a zero for each recording or homing where there is one.
+        (`find_zero`) and are not scored: the interval then holds after re-zeroing likewise. Where
+        there is a fit for that (`Calibration.for_rezeroing`), give it in place of the calibration.
     growth : float
         How fast it widens outside the trained range: see `Interval.growth`.
 
@@ -80,7 +79,7 @@ def with_interval(
     >>> with_interval(model, pieces).interval.trajectories
     9
     """
-    _check_interval(levels, rezero, growth)
+    _check_interval(levels, growth, rezero)
     recordings = distinct(as_recordings(recordings))
     for recording in recordings:
         if as_calibration(calibration).origin.includes(recording):
@@ -90,14 +89,13 @@ def with_interval(
             )
     groups = exchangeable_units(recordings, per_homing=rezero == 0.0)
     possible = _possible_levels(levels, len(groups))
-    used = calibration.for_rezeroing if rezero > 0.0 else calibration
     parts = folds.wholes(recordings)
     units = [[parts[index] for index in group] for group in groups]
-    judges = [(used, folds.Fold("", tuple(parts)))]
+    judges = [(calibration, folds.Fold("", tuple(parts)))]
     return _stating(calibration, judges, recordings, units, possible, rezero=rezero, growth=growth)
 
 
-def _check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
+def _check_interval(levels: Sequence[float], growth: float, rezero: float = 0.0) -> None:
     """Raise CalibrationError for what no interval can be made with."""
     if not np.size(levels) or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
         raise CalibrationError(
@@ -129,10 +127,9 @@ def _stating(
 ) -> Calibration:
     """Calibration with the interval of the errors of fits on the parts that each did not see.
 
-    Errors of the parts of one of the `units` stand together; `how` are fields of `Interval`, which
-    belongs to the fit for re-zeroing, where there is one, if it is of re-zeroed positions.
+    Errors of the parts of one of the `units` stand together; `how` are fields of `Interval`.
     """
-    rezero, growth, by_fold, held_out = how["rezero"], how["growth"], [], []
+    by_fold, held_out = [], []
     for fit, fold in judges:
         rows = {i: rows_with_truth(fit, recordings[i]) for i in fold.recordings}
         parts: list[Recording | Rows] = [rows[part.recording] for part in fold.parts]
@@ -144,25 +141,27 @@ def _stating(
     by_part: dict[folds.Part, list[Array]] = {}
     for rows, (fit, fold) in zip(by_fold, judges, strict=True):
         used = replace(fit, effort_baseline=calibration.effort_baseline)
+        scores = {i: scores_of(used, r, how["rezero"], how["growth"]) for i, r in rows.items()}
         for part in fold.parts:
-            among = part.rows(len(rows[part.recording]))
-            score = trajectory_scores(used, rows[part.recording], rezero, growth, among)
-            by_part.setdefault(part, []).append(score)
-    scores = [np.concatenate([s for part in unit for s in by_part[part]], axis=2) for unit in units]
-    model, offset, raw = (
+            own = scores[part.recording][:, :, part.first : part.end]
+            known = np.isfinite(own).all(axis=(0, 1))
+            if not known.any():
+                raise CalibrationError(
+                    f"{source_of(recordings[part.recording])}: a part of it has no truth, so it "
+                    "makes no interval; leave it out, or record it again"
+                )
+            by_part.setdefault(part, []).append(own[:, :, known])
+    joined = [np.concatenate([s for part in unit for s in by_part[part]], axis=2) for unit in units]
+    model, offset = (
         np.array([[conformal_threshold(joint, level) for joint in joints] for level in levels])
-        for joints in (list(zip(*kind, strict=True)) for kind in zip(*scores, strict=True))
+        for joints in (list(zip(*kind, strict=True)) for kind in zip(*joined, strict=True))
     )
     counts: dict[str, Any] = {
         "trajectories": len(units),
         "homings": len({r.provenance.homing_id for r in recordings} - {""}),
     }
-    interval = Interval(np.array(levels), model, offset, raw, **counts, **how)
+    interval = Interval(np.array(levels), model, offset, **counts, **how)
     origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
-    again = calibration.rezeroed_fit
-    if rezero > 0.0 and again is not None:
-        again = replace(again, interval=interval)
-        return replace(calibration, rezeroed_fit=again, interval=None, origin=origin)
     return replace(calibration, interval=interval, origin=origin)
 
 
@@ -185,71 +184,6 @@ def knowing_errors(
         beginning=np.sqrt(np.mean(np.square(beginnings), axis=0)),
     )
     return replace(calibration, effort_baseline=baseline)
-
-
-@dataclass(frozen=True, eq=False)
-class Agreement:
-    """Whether two independent calibrations disagree more than their intervals allow.
-
-    Attributes
-    ----------
-    level : float
-    difference : ndarray, shape (n_joints,)
-        RMS of the difference of the two corrected positions [rad or m].
-    allowed : ndarray, shape (n_joints,)
-        RMS over rows of ``sqrt(a**2 + b**2)`` of the two half-widths [rad or m].
-    inside : ndarray, shape (n_joints,)
-        Share of the rows in which the difference is no larger than that.
-
-    Examples
-    --------
-    >>> compare_calibrations(model, model, test).difference.tolist()
-    [0.0]
-    """
-
-    level: float
-    difference: Array
-    allowed: Array
-    inside: Array
-
-    @property
-    def consistent(self) -> NDArray[np.bool_]:
-        """Joints (n_joints,) for which at least the stated share is inside."""
-        return np.asarray(self.inside >= self.level)
-
-
-def compare_calibrations(
-    first: Calibration, second: Calibration, recording: Recording, level: float = 0.9
-) -> Agreement:
-    """Compare two calibrations of one arm, made independently, on a recording without truth.
-
-    Errors that are independent add in squares, and so do intervals. Two calibrations that differ
-    by more than both state cannot both be right; two that agree may share an error.
-
-    Raises
-    ------
-    CalibrationError
-        If they correct different joints, either states no such interval, or the recording does
-        not fit.
-
-    Examples
-    --------
-    >>> compare_calibrations(model, model, test).consistent.tolist()
-    [True]
-    """
-    if as_calibration(first).joints != as_calibration(second).joints:
-        raise CalibrationError(
-            f"the calibrations correct {', '.join(first.joints)} and {', '.join(second.joints)}; "
-            "compare two of the same joints"
-        )
-    difference = first.correct(recording) - second.correct(recording)
-    allowed = np.hypot(first.half_widths(recording, level), second.half_widths(recording, level))
-    return Agreement(
-        level,
-        np.sqrt(np.mean(difference**2, axis=0)),
-        np.sqrt(np.mean(allowed**2, axis=0)),
-        np.mean(np.abs(difference) <= allowed, axis=0),
-    )
 
 
 def exchangeable_units(
@@ -289,24 +223,16 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     return float(values[order][min(first, len(values) - 1)])
 
 
-def trajectory_scores(
-    calibration: Calibration,
-    recording: Recording | Rows,
-    rezero: float,
-    growth: float,
-    among: Mask | None = None,
-) -> Array:
-    """Scores (3, n_joints, m) of the model, the fixed offset and the measured position.
-
-    Of the rows `among` (n,) those that `judged_error` judges.
-    """
+def scores_of(calibration: Calibration, rows: Rows, rezero: float, growth: float) -> Array:
+    """Scores (2, n_joints, n) of the model and of the fixed offset, NaN where none is judged."""
     if OFFSET not in calibration.fitted_baselines:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
-    rows = rows_with_truth(calibration, recording)
-    error, judged = judged_error(calibration, rows, rezero, among)
-    offset_error, _ = judged_error(calibration.baselines[OFFSET], rows, rezero, among)
+    error, judged = judged_error(calibration, rows, rezero)
+    offset_error, _ = judged_error(calibration.baselines[OFFSET], rows, rezero)
     widening = 1.0 + growth * calibration.range_excess(rows)[judged]
-    return np.abs([error.T / widening, offset_error.T, rows.error[judged].T])
+    scores = np.full((2, error.shape[1], len(rows)), np.nan)
+    scores[:, :, judged] = np.abs([error.T / widening, offset_error.T])
+    return scores
 
 
 def cross_interval(
@@ -314,7 +240,6 @@ def cross_interval(
     estimator: str | Regressor | Automatic = DEFAULT,
     *,
     levels: Sequence[float] = LEVELS,
-    rezero: float = 0.0,
     growth: float = GROWTH,
     progress: Progress | None = None,
     **how: Any,
@@ -342,7 +267,7 @@ def cross_interval(
     recordings : Recording or sequence of Recording
     estimator : str, Regressor or Automatic
         As `calibrate` takes it. One that is chosen automatically is chosen once, from all.
-    levels, rezero, growth
+    levels, growth
         As `with_interval` takes them.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
@@ -359,12 +284,12 @@ def cross_interval(
     >>> truejoint.calibration.cross_interval(training, "linear").interval.levels.tolist()
     [0.8, 0.9]
     """
-    _check_interval(levels, rezero, growth)
+    _check_interval(levels, growth)
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or untold
     different = distinct(recordings)
-    units, cut, plans = _plans(different, per_homing=rezero == 0.0)
+    units, cut, plans = _plans(different)
     possible = _possible_levels(levels, len(units))
     share = 1.0 / (len(plans[0][0]) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
@@ -373,7 +298,7 @@ def cross_interval(
         try:
             fits = cross_fit(
                 fitted, different, left_out, fit_rate=how.get("fit_rate"),
-                for_rezeroing=rezero > 0.0, progress=within(report, share + number * rest, rest),
+                progress=within(report, share + number * rest, rest),
             )  # fmt: skip
             break
         except CalibrationError:
@@ -383,16 +308,14 @@ def cross_interval(
     left_out, whole = plans[number]
     judges = list(zip(fits, left_out, strict=True))
     counts = {"folds": len(left_out), "cut": cut, "whole": whole}
-    return _stating(
-        fitted, judges, different, units, possible, rezero=rezero, growth=growth, **counts
-    )
+    return _stating(fitted, judges, different, units, possible, rezero=0.0, growth=growth, **counts)
 
 
 _Units = list[list[folds.Part]]
 
 
 def _plans(
-    recordings: Sequence[Recording], *, per_homing: bool
+    recordings: Sequence[Recording],
 ) -> tuple[_Units, int, list[tuple[list[folds.Fold], int]]]:
     """Trajectories of recordings, none a copy of another, and plans, as `cross_interval` says.
 
@@ -400,7 +323,7 @@ def _plans(
     without by each plan, with how many recordings, or homings, are left out whole all the same. The
     first plan that works is used.
     """
-    groups = exchangeable_units(recordings, per_homing=per_homing)
+    groups = exchangeable_units(recordings)
     if len(groups) < WHOLE_FROM:
         parts = folds.blocks(recordings, max(folds.FOLDS, -(-PARTS // len(recordings))))
         units = [[part] for part in parts]

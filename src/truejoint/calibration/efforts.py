@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.rows import Rows
@@ -58,16 +59,6 @@ _COMPARED, _LEAST_COMPARED = 10, 20  # one part in ten of a run, rows: do they f
 _AGREED: Final = 0.01  # of the standard deviation of errors: two runs that agree to it are the same
 
 
-class Residuals(NamedTuple):
-    """Statistics of truth minus corrected position about each recording's mean."""
-
-    residual: Array  # (n_joints,), standard deviation [rad or m]
-    correlation: Array  # (n_joints,), time [s] in which the autocorrelation falls to 1/e
-    beginning: Array
-    """(n, n_joints), standard deviation [rad or m] of the offset that the first `BEGINNINGS` of a
-    motion show: a fit knows how its recordings began, but nothing of the past of other starts."""
-
-
 @dataclass(frozen=True, eq=False)
 class EffortBaseline:
     """What was seen while the calibration held; made by `fit_effort_baseline`.
@@ -89,16 +80,6 @@ class EffortBaseline:
     # (n, n_joints), standard deviation [rad or m] of the offset of the first `BEGINNINGS` in motion
     # about the mean error of the recording: the calibration does not know what was before them.
     beginning: Array
-
-    @classmethod
-    def of_residuals(cls, parts: Sequence[Rows], residuals: Residuals) -> Self:
-        """Give what rows and residuals say, without efforts: no joint is monitored."""
-        lower, upper = position_range(parts)
-        n = len(lower)
-        unknown = dict.fromkeys(("monitored", "shift_limit", "friction_limit"), np.zeros(n))
-        coef = np.zeros((n, count_effort_terms(n)))
-        statistics = residuals._asdict()
-        return cls(lower, upper, coef=coef, scale=np.ones(n), **unknown, **statistics)
 
     @property
     def step(self) -> Array:
@@ -268,16 +249,45 @@ def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float,
     return shift, friction
 
 
+def residual_baseline(
+    calibration: Calibration, parts: Sequence[Rows], held_out: ArrayLike = 0.0
+) -> EffortBaseline | None:
+    """Learn the size of errors from rows, without efforts: no joint is monitored.
+
+    It is at least the one that was `held_out` (n_joints,) [rad or m]. None where joints are too
+    many for a baseline, or one never moves.
+    """
+    positions = np.concatenate([part.measured for part in parts])
+    lower, upper = positions.min(axis=0), positions.max(axis=0)
+    n = len(lower)
+    if n > MAX_JOINTS or not (upper > lower).all():
+        return None
+    step = (upper - lower) / STEPS_PER_RANGE
+    residual, correlation, beginning = residual_statistics(calibration, parts, step)
+    return EffortBaseline(
+        lower,
+        upper,
+        **dict.fromkeys(("monitored", "shift_limit", "friction_limit"), np.zeros(n)),
+        coef=np.zeros((n, count_effort_terms(n))),
+        scale=np.ones(n),
+        residual=np.maximum(residual, held_out),
+        correlation=correlation,
+        beginning=beginning,
+    )
+
+
 def fit_effort_baseline(
-    parts: Sequence[Rows], signals: Sequence[str], residuals: Residuals
-) -> EffortBaseline:
-    """Learn efforts from recordings in which a calibration of these `signals` holds.
+    calibration: Calibration, parts: Sequence[Rows], held_out: ArrayLike = 0.0
+) -> EffortBaseline | None:
+    """Learn efforts, and errors as `residual_baseline`, from rows in which a calibration holds.
 
     A joint is `monitored` when its effort is among the signals and it travels at least five of its
-    ranges each way. `residuals` are those of the calibration.
+    ranges each way.
     """
-    joints, bare = parts[0].joints, EffortBaseline.of_residuals(parts, residuals)
-    has_effort = np.array([f"effort/{joint}" in signals for joint in joints])
+    joints, bare = calibration.joints, residual_baseline(calibration, parts, held_out)
+    if bare is None:
+        return None
+    has_effort = np.array([f"effort/{joint}" in calibration.signals for joint in joints])
     pieces = [part.recording for part in parts]
     if len(pieces) == 1 and len(pieces[0]) >= 4:  # in three by time, each held out in turn
         thirds = np.array_split(np.arange(len(pieces[0]), dtype=np.int64), 3)
@@ -298,12 +308,12 @@ def fit_effort_baseline(
         ):
             continue
         coef[j], scale[j] = _fit_effort(rows)
-        for i, held_out in enumerate(of_joint):  # against the baseline of the others, in its scale
-            rest = np.concatenate([held_out[:0], *of_joint[:i], *of_joint[i + 1 :]])
-            if len(held_out) and len(rest) >= STEPS_PER_TERM * n_terms:
+        for i, apart in enumerate(of_joint):  # against the baseline of the others, in its scale
+            rest = np.concatenate([apart[:0], *of_joint[:i], *of_joint[i + 1 :]])
+            if len(apart) and len(rest) >= STEPS_PER_TERM * n_terms:
                 coef_rest, scale_rest = _fit_effort(rest)
-                deviation = (held_out[:, 1] - held_out[:, 4:] @ coef_rest) / scale_rest
-                columns = held_out[:, 2].copy(), held_out[:, 3].copy()
+                deviation = (apart[:, 1] - apart[:, 4:] @ coef_rest) / scale_rest
+                columns = apart[:, 2].copy(), apart[:, 3].copy()
                 largest = largest_shifts(deviation, *columns)
                 shift[j], friction[j] = np.maximum((shift[j], friction[j]), largest)
         monitored[j] = 1.0
@@ -315,18 +325,6 @@ def fit_effort_baseline(
         shift_limit=np.maximum(SMALLEST_SHIFT, SHIFT_MARGIN * shift),
         friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN * friction),
     )
-
-
-def position_range(parts: Sequence[Rows]) -> tuple[Array, Array]:
-    """Least and largest measured position (n_joints,) [rad or m] of all rows."""
-    together = np.concatenate([part.measured for part in parts])
-    return together.min(axis=0), together.max(axis=0)
-
-
-def has_baseline(parts: Sequence[Rows]) -> bool:
-    """Whether joints are few enough for a baseline, and each of them moves."""
-    lower, upper = position_range(parts)
-    return len(lower) <= MAX_JOINTS and bool((upper > lower).all())
 
 
 def _steps(
@@ -354,11 +352,15 @@ def _fit_effort(rows: Array) -> tuple[Array, float]:
 
 def residual_statistics(
     calibration: Calibration, recordings: Sequence[Recording | Rows], step: Array
-) -> Residuals:
-    """Residuals of recordings with truth; beginnings are those of 24 starts or more.
+) -> tuple[Array, Array, Array]:
+    """Statistics of truth minus corrected position about each recording's mean.
 
-    There are three starts or more in each recording. A joint moves by a `step` (n_joints,) [rad or
-    m], or rests. Raises CalibrationError if no recording has the truth of two rows.
+    Standard deviation (n_joints,) [rad or m]; time (n_joints,) [s] in which the autocorrelation
+    falls to 1/e; standard deviation (n, n_joints) [rad or m] of the offset that the first
+    `BEGINNINGS` of a motion show: a fit knows how its recordings began, but nothing of the past of
+    other starts, of which there are 24 or more, and three in each recording. A joint moves by a
+    `step` (n_joints,) [rad or m], or rests. Raises CalibrationError if no recording has the truth
+    of two rows.
     """
     errors, offsets = [], []
     count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
@@ -379,7 +381,7 @@ def residual_statistics(
     size = np.sqrt(np.mean(np.concatenate([error for _, error in errors]) ** 2, axis=0))
     times = [[_correlation_time(t, error[:, j]) for j in range(len(size))] for t, error in errors]
     beginning = _root_mean_square(np.reshape(offsets, (-1, len(BEGINNINGS), len(size))))
-    return Residuals(
+    return (
         np.maximum(size, _SMALLEST),
         np.maximum(np.median(times, axis=0), 1e-3),
         np.maximum(beginning, _SMALLEST),

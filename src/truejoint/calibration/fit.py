@@ -9,13 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.calibration import efforts
-from truejoint.calibration.calibration import Calibration, RezeroedFit
+from truejoint.calibration.calibration import Calibration, Fit
 from truejoint.calibration.choose import (
     FITTED_ROWS,
     MOST_ROWS,
@@ -26,19 +26,19 @@ from truejoint.calibration.choose import (
     validate_zeros,
 )
 from truejoint.calibration.domain import fit_training_domain, resting_features
+from truejoint.calibration.efforts import fit_effort_baseline, residual_baseline
 from truejoint.calibration.fit_task import (
     FitTask,
     fitted_rows,
-    signal_moves,
+    recording_zeros,
     stride_of,
-    take_off_zeros,
     within,
-    zero_groups,
 )
 from truejoint.calibration.folds import FEW, FOLDS, Fold, blocks, dealt, folds, wholes, without
-from truejoint.calibration.origin import Origin, Session, TrainingZeros, ZeroOf, distinct
-from truejoint.calibration.redundancy import fit_parity_equations, redundant_columns
+from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
+from truejoint.calibration.redundancy import fit_parity_equations
 from truejoint.calibration.rows import Rows
+from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.family import Target
 from truejoint.estimators.registry import AUTO, DEFAULT
@@ -97,14 +97,13 @@ def calibrate(
         Fit to rows at most at this rate [Hz]; features with a history still see every row.
     random_state : int, optional
         Seed, where the estimator has one; its own by default.
-    zero : {"shared", "recording", "homing"}, optional
+    zero : {"shared", "recording"}, optional
         Whether the recordings share one zero, as they do by default; of what was chosen
         automatically, one for each recording is kept beside where it is better: see `Automatic`.
         With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
-        measured position for each recording; with ``"homing"``, for each homing, by which the
-        measured positions themselves are off. The zeros are those of a linear model on the same
-        features. That fit (`Calibration.for_rezeroing`) is for motions that begin with re-zeroing
-        and useless without, as all that differs between recordings has gone into the zeros.
+        measured position for each recording: that of a linear model on the same features. That fit
+        (`Calibration.for_rezeroing`) is for motions that begin with re-zeroing and useless without,
+        as all that differs between recordings has gone into the zeros.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 
@@ -112,8 +111,8 @@ def calibrate(
     ------
     CalibrationError
         If the recordings do not belong together, are fewer than two where each has a zero of its
-        own, lack truth for more than a third of their time, do not tell the zeros of homings,
-        have too few rows for the estimator, or the measured position of a joint never changes.
+        own, lack truth for more than a third of their time, have too few rows for the estimator, or
+        the measured position of a joint never changes.
         Other features that never change are listed in the metadata as ``unused_features``.
 
     Examples
@@ -123,9 +122,7 @@ def calibrate(
     """
     recordings = as_recordings(recordings)
     report, began = progress or untold, time.perf_counter()
-    per = None if zero == "shared" else zero
-    if per is not None:
-        zero_groups(recordings, per)  # which refuses what cannot be grouped before the fit
+    _check_zero(zero, recordings)
     evidence, begin, share = dict[str, Any](), 0.0, 1.0
     if isinstance(estimator, Automatic) or estimator == AUTO:
         automatic = estimator if isinstance(estimator, Automatic) else Automatic()
@@ -137,28 +134,25 @@ def calibrate(
         random_state = None
         share = 1.0 - begin - (_ZEROS_SHARE if zero is None else 0.0)
     task = FitTask.of(recordings, estimator, features, joints, target, random_state)
-    checks = fit_parity_equations(
-        recordings, task.joints, tuple(task.units), redundant_columns(recordings, redundant)
-    )
+    checks = fit_parity_equations(recordings, task.joints, tuple(task.units), redundant)
     parts = task.rows(stride_of(fit_rate, task.dt))
-    own_share = share if per is None else 0.5 * share
+    own_share = 0.5 * share if zero == "recording" else share
     fitted = _assembled(task, parts, task.fit(parts, within(report, begin, own_share)), *checks)
-    if per is not None:
+    if zero == "recording":
         again = within(report, begin + own_share, own_share)
-        fitted, parts = _with_zeros(fitted, task, parts, per, again)
+        fitted = _fitted_again(fitted, task, parts, True, again)
     if evidence and zero is None:
         say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
         own_zeros, evidence["zero"] = _judge_zeros(
             fitted, estimator, recordings, fit_rate, evidence, say
         )
         if own_zeros:
-            fitted, parts = _with_zeros(fitted, task, parts, "recording", untold)
+            fitted = _fitted_again(fitted, task, parts, True)
     if evidence:
         fitted = fitted.with_metadata(choice=evidence)
-    if efforts.has_baseline(parts):
-        residuals = _residuals(fitted.for_rezeroing, parts, evidence)
-        baseline = efforts.fit_effort_baseline(parts, fitted.signals, residuals)
-        fitted = replace(fitted, effort_baseline=baseline)
+    held_out = _held_out(evidence, fitted.joints)
+    baseline = fit_effort_baseline(fitted.for_rezeroing, parts, held_out)
+    fitted = replace(fitted, effort_baseline=baseline)
     report(1.0)
     return fitted.with_metadata(fit_seconds=round(time.perf_counter() - began, 3))
 
@@ -166,7 +160,7 @@ def calibrate(
 def _assembled(
     task: FitTask,
     parts: Sequence[Rows],
-    fitted: tuple[RezeroedFit, dict[str, str]],
+    fitted: tuple[Fit, dict[str, str]],
     parity: Any,
     redundant: dict[str, str],
 ) -> Calibration:
@@ -207,49 +201,46 @@ def _assembled(
     )
 
 
-def _with_zeros(
-    fitted: Calibration, task: FitTask, parts: Sequence[Rows], zero: ZeroOf, report: Progress
-) -> tuple[Calibration, list[Rows]]:
-    """Fit once more, with a zero for each recording or homing; also give the rows of that fit."""
-    names, group = zero_groups([part.recording for part in parts], zero)
-    signals = tuple(task.units)
-    moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
-    at_zero, offsets = take_off_zeros(parts, group, moves, signals)
-    fit = replace(task.fit(at_zero, report)[0], moves=moves)
-    zeros = TrainingZeros("homing" if zero == "homing" else "recording", tuple(names), offsets)
-    return replace(fitted, rezeroed_fit=fit, origin=replace(fitted.origin, zeros=zeros)), [
-        replace(part, zero=None) for part in at_zero
-    ]
+def _check_zero(zero: ZeroOf | None, recordings: Sequence[Recording]) -> None:
+    """Raise CalibrationError for another `zero`, or one recording with a zero of its own."""
+    if zero not in (None, *get_args(ZeroOf)):
+        raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
+    if zero == "recording" and len(recordings) < 2:
+        raise CalibrationError(
+            "a zero for each recording takes two recordings; give more, or let them share one zero"
+        )
+
+
+def _fitted_again(
+    calibration: Calibration,
+    task: FitTask,
+    parts: Sequence[Rows],
+    with_zeros: bool,
+    report: Progress = untold,
+) -> Calibration:
+    """Add a second fit to rows, with one zero, or `with_zeros` with one for each recording."""
+    origin = calibration.origin
+    if with_zeros:
+        zeros = recording_zeros(parts)
+        parts = [replace(part, zero=zero) for part, zero in zip(parts, zeros, strict=True)]
+        origin = replace(origin, zeros=zeros)
+    return replace(calibration, rezeroed_fit=task.fit(parts, report)[0], origin=origin)
 
 
 def _refitted(
-    calibration: Calibration, task: FitTask, parts: Sequence[Rows], per: ZeroOf | None
+    calibration: Calibration, task: FitTask, parts: Sequence[Rows], with_zeros: bool = False
 ) -> Calibration:
-    """Fit a calibration anew to other rows, with one zero, or with one for each group of them."""
-    if per is None:
-        again = replace(task.fit(parts)[0], moves=calibration.moves)
-        both = replace(calibration, rezeroed_fit=again)
-    else:
-        both, _ = _with_zeros(calibration, task, parts, per, untold)
-    X = fitted_rows(parts, "X")
-    return replace(both.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0))
+    """Fit a calibration anew to other rows."""
+    again, X = _fitted_again(calibration, task, parts, with_zeros), fitted_rows(parts, "X")
+    return replace(again.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0))
 
 
-def _residuals(
-    calibration: Calibration, parts: Sequence[Rows], evidence: Mapping[str, Any]
-) -> efforts.Residuals:
-    """Residuals in the training, or those on what the fits of a choice did not see, if larger.
+def _held_out(evidence: Mapping[str, Any], joints: Sequence[str]) -> ArrayLike:
+    """Errors (n_joints,) on what the fits of a choice did not see, or 0 where there was none.
 
-    Those are the median of the folds: some lie far beyond what the others show.
+    They are the median of the folds: some lie far beyond what the others show.
     """
-    lower, upper = efforts.position_range(parts)
-    residuals = efforts.residual_statistics(
-        calibration, parts, (upper - lower) / efforts.STEPS_PER_RANGE
-    )
-    if not evidence:
-        return residuals
-    held_out = [evidence["chosen"]["median"][joint] for joint in calibration.joints]
-    return residuals._replace(residual=np.maximum(residuals.residual, held_out))
+    return [evidence["chosen"]["median"][joint] for joint in joints] if evidence else 0.0
 
 
 def _judge_zeros(
@@ -280,12 +271,9 @@ def _judge_zeros(
 
     def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
         rows = [parts[index] for index in training]
-        shared, again = (_refitted(bare, task, rows, per) for per in (None, "recording"))
-        if efforts.has_baseline(rows):
-            residuals = _residuals(shared, rows, evidence)
-            baseline = efforts.EffortBaseline.of_residuals(rows, residuals)
-            shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
-        return shared, again
+        shared, again = (_refitted(bare, task, rows, own) for own in (False, True))
+        baseline = residual_baseline(shared, rows, _held_out(evidence, shared.joints))
+        return replace(shared, effort_baseline=baseline), replace(again, effort_baseline=baseline)
 
     uncut = set(wholes(few))
     left_out = [fold for fold in folds(few) if uncut.issuperset(fold.parts)]
@@ -298,7 +286,6 @@ def cross_fit(
     left_out: Sequence[Fold],
     *,
     fit_rate: float | None = None,
-    for_rezeroing: bool = False,
     progress: Progress | None = None,
 ) -> list[Calibration]:
     """Fit as a calibration was fitted, without each of some folds of its recordings in turn.
@@ -311,13 +298,12 @@ def cross_fit(
     task = FitTask.of(recordings, settled, fitted.feature_set, fitted.joints, fitted.target, None)
     parts = task.rows(stride_of(fit_rate, task.dt))
     bare = replace(fitted, gap_limit=task.gap_limit, interval=None, effort_baseline=None)
-    zeros = fitted.origin.zeros if for_rezeroing else None
     fits = []
     for number, fold in enumerate(left_out):
         training = without(parts, fold.parts)
         for part in training:
             part.check_truth()
-        fits.append(_refitted(bare, task, training, None if zeros is None else zeros.per))
+        fits.append(_refitted(bare, task, training))
         (progress or untold)((number + 1) / len(left_out))
     return fits
 

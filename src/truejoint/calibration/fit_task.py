@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
-from typing import Final, Self, get_args
+from typing import Final, Self
 
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.calibration import compatibility
-from truejoint.calibration.calibration import RezeroedFit
-from truejoint.calibration.origin import ZeroOf
-from truejoint.calibration.rows import Rows, shift_signals
+from truejoint.calibration.calibration import Fit
+from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns, untold
 from truejoint.estimators.family import TARGETS, EstimatorData, Target
@@ -27,9 +26,6 @@ from truejoint.recordings.join.explained import gross_outliers
 from truejoint.robots import Robot
 
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
-_SETTLED: Final = 1e-7  # [rad or m] to which the zeros of homings are determined
-_FOLLOWS: Final = 0.5  # share of a zero that may remain after the measured positions moved by it
-_SAME_SENSOR: Final = 1e-5  # of its range that a signal may be off a line through another
 
 
 def unfitted(
@@ -112,9 +108,7 @@ class FitTask:
             )
         return constant
 
-    def fit(
-        self, parts: Sequence[Rows], report: Progress = untold
-    ) -> tuple[RezeroedFit, dict[str, str]]:
+    def fit(self, parts: Sequence[Rows], report: Progress = untold) -> tuple[Fit, dict[str, str]]:
         """Fit the model and its baselines, and say why one of these is absent or weak.
 
         Raises CalibrationError if there are too few rows.
@@ -153,7 +147,7 @@ class FitTask:
             needed = baseline.minimum_rows(n_features)
             if len(X) < needed:
                 notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
-        return RezeroedFit(data_of(model), fitted, learnt=model), notes
+        return Fit(data_of(model), fitted, model), notes
 
 
 def within(report: Callable[..., None], begin: float, share: float) -> Callable[..., None]:
@@ -221,89 +215,21 @@ def stride_of(fit_rate: float | None, dt: float) -> int:
     return max(1, round(1.0 / (fit_rate * dt)))
 
 
-def zero_groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers]:
-    """Names of what recordings share a zero with, and the number of each recording's group.
+def recording_zeros(parts: Sequence[Rows]) -> Array:
+    """Zeros (n_parts, n_joints) [rad or m] about their mean: least squares with the linear model.
 
-    A recording whose homing has no name is a group of its own. Raises CalibrationError for another
-    `zero`, or fewer than two groups.
+    The slopes are those within the recordings, so a feature that changes between them alone has
+    none.
     """
-    if zero not in get_args(ZeroOf):
-        raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    homings = [zero == "homing" and recording.provenance.homing_id for recording in recordings]
-    keys = [homing or i for i, homing in enumerate(homings)]
-    different = list(dict.fromkeys(keys))
-    sources = list(map(compatibility.source_of, recordings))
-    names = [key if isinstance(key, str) else sources[key] for key in different]
-    if len(names) < 2:
-        raise CalibrationError(
-            f"a zero for each {zero} takes two of them; all recordings are of {names[0]}: give "
-            "more, or let them share one zero"
-        )
-    return names, np.array([different.index(key) for key in keys])
-
-
-def take_off_zeros(
-    parts: Sequence[Rows], group: Integers, moves: Array | None, signals: Sequence[str]
-) -> tuple[list[Rows], Array]:
-    """Parts without the zeros of their groups, and these zeros (n_groups, n_joints) [rad or m].
-
-    `group` (n_parts,) numbers the groups. The zeros are taken off the truth, or with `moves`
-    (n_signals, n_joints) added to the `signals`. They are about their mean. Raises CalibrationError
-    where the signals leave open what was added to them.
-    """
-    zeros = _group_zeros(parts, group)
-    if moves is None:
-        return [replace(p, zero=z) for p, z in zip(parts, zeros[group], strict=True)], zeros
-    remaining, at_zero, zeros = zeros, list(parts), np.zeros_like(zeros)
-    while np.abs(remaining).max() > _SETTLED:
-        zeros = zeros + remaining
-        at_zero = [
-            part.of_recording(shift_signals(part.recording, tuple(signals), moves @ zero))
-            for part, zero in zip(parts, zeros[group], strict=True)
-        ]
-        before, remaining = remaining, _group_zeros(at_zero, group)
-        if not np.abs(remaining).max() < _FOLLOWS * np.abs(before).max():
-            raise CalibrationError(
-                "the true position hardly follows the measured one where other signals are known, "
-                "so the zero of a homing cannot be found; choose a zero for each recording"
-            )
-    return at_zero, zeros
-
-
-def _group_zeros(parts: Sequence[Rows], group: Integers) -> Array:
-    """Zeros (n_groups, n_joints) [rad or m] about their mean: least squares with the linear model.
-
-    The slopes are those within the groups, so a feature that changes between them alone has none.
-    """
-    n_groups = int(group.max()) + 1
-    rows = np.repeat(group, [len(part.fitted) for part in parts])
+    rows = np.repeat(np.arange(len(parts)), [len(part.fitted) for part in parts])
     X, error = (fitted_rows(parts, name) for name in ("X", "error"))
     inputs, errors = np.zeros_like(X), np.zeros_like(error)
-    for number in range(n_groups):
-        in_group = rows == number
-        varies = ~constant_columns(X[in_group])
-        inputs[np.ix_(in_group, varies)] = (X[in_group] - X[in_group].mean(axis=0))[:, varies]
-        errors[in_group] = error[in_group] - error[in_group].mean(axis=0)
+    for number in range(len(parts)):
+        within_one = rows == number
+        varies = ~constant_columns(X[within_one])
+        centred = X[within_one] - X[within_one].mean(axis=0)
+        inputs[np.ix_(within_one, varies)] = centred[:, varies]
+        errors[within_one] = error[within_one] - error[within_one].mean(axis=0)
     residual = error - get_estimator("linear").fit(inputs, errors).predict(X)
-    zeros = np.array([residual[rows == n].mean(axis=0) for n in range(n_groups)])
+    zeros = np.array([residual[rows == n].mean(axis=0) for n in range(len(parts))])
     return np.asarray(zeros - zeros.mean(axis=0))
-
-
-def signal_moves(
-    recordings: Sequence[Recording], signals: Sequence[str], joints: Sequence[str]
-) -> Array:
-    """How far each signal moves with a joint's measured position (n_signals, n_joints).
-
-    The measured position itself, and signals of its channel that are the same sensor's in another
-    unit: on a straight line with it in all recordings.
-    """
-    moves = np.zeros((len(signals), len(joints)))
-    for j, joint in enumerate(joints):
-        measured = np.concatenate([r.column(f"measured/{joint}") for r in recordings])
-        columns = np.column_stack([measured, np.ones_like(measured)])
-        for i in [i for i, signal in enumerate(signals) if signal.partition("/")[2] == joint]:
-            values = np.concatenate([recording.column(signals[i]) for recording in recordings])
-            line = np.linalg.lstsq(columns, values)[0]
-            if np.abs(values - columns @ line).max() <= _SAME_SENSOR * np.ptp(values):
-                moves[i, j] = 1.0 if signals[i] == f"measured/{joint}" else line[0]
-    return moves

@@ -39,10 +39,6 @@ class Part:
     first: int
     end: int
 
-    def rows(self, n: int) -> Mask:
-        """Which of its recording's `n` rows they are."""
-        return np.asarray((np.arange(n) >= self.first) & (np.arange(n) < self.end))
-
 
 @dataclass(frozen=True)
 class Fold:

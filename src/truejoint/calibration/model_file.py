@@ -1,4 +1,8 @@
-"""What a calibration consists of in a model file, and how it is written and read."""
+"""A calibration as a model file: safetensors, whose header holds a JSON description.
+
+Nothing in a file is ever run. Size, header, shapes and the hash are checked before any number is
+used.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +12,44 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
+import safetensors
+import safetensors.numpy
 
 from truejoint import schema
 from truejoint.array_types import Array
-from truejoint.calibration.calibration import Calibration, RezeroedFit, as_calibration
-from truejoint.calibration.container import read_model_file, write_model_file
+from truejoint.calibration.calibration import Calibration, Fit, as_calibration
 from truejoint.calibration.domain import TrainingDomain
 from truejoint.calibration.efforts import BEGINNINGS, EffortBaseline, count_effort_terms
 from truejoint.calibration.interval import MAX_LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Origin
 from truejoint.calibration.redundancy import ParityEquations
 from truejoint.calibration.zero import Zero
-from truejoint.errors import CalibrationError, ModelFileError, TruejointError
+from truejoint.errors import CalibrationError, ModelFileError, TruejointError, other_kind
 from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
+from truejoint.files import (
+    canonical_json,
+    content_hash,
+    is_as_written,
+    read_small,
+    write_atomically,
+)
 from truejoint.robots.catalogue import robot_of
 from truejoint.schema import Bounds, Length, Pattern, Shape
 
+FORMAT_VERSION: Final = 7
+MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
+MAX_HEADER_BYTES: Final = 2**20
+MAX_TENSORS: Final = 512
+_KEY: Final = "truejoint"
+_OTHER_FORMATS: Final = frozenset(
+    {".c", ".csv", ".h", ".html", ".json", ".mat", ".npy", ".onnx", ".parquet", ".pkl", ".toml"}
+)
+_DAMAGED: Final = "the file is damaged or was edited; copy or calibrate it again"
 MAX_JOINTS: Final = 64
 
 _REZEROED: Final = "rezeroed_fit"
@@ -145,7 +167,14 @@ def write_calibration(
     if as_calibration(calibration).family.row is None:
         _ = calibration.model.data  # refuses what no file can hold
     find_family(calibration.fitted.family)
-    write_model_file(path, *encode(calibration), overwrite=overwrite)
+    path, data = check_name(path), to_bytes(*encode(calibration))
+    try:
+        from_bytes(data)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
+    write_atomically(
+        path, lambda part: part.write_bytes(data), overwrite=overwrite, error=ModelFileError
+    )
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
@@ -164,7 +193,14 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     >>> read_calibration("jaw.safetensors").joints
     ('jaw',)
     """
-    description, arrays = read_model_file(path)
+    if not isinstance(path, str | os.PathLike):
+        raise ModelFileError(other_kind(path, "path", "give that of a model file"))
+    path = Path(path)
+    content = read_small(path, ModelFileError, MAX_FILE_BYTES, "a model")
+    try:
+        description, arrays = from_bytes(content)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}") from None
     try:
         calibration = decode(description, arrays)
         if calibration.counts_samples and not calibration.origin.sample_dt > 0.0:
@@ -184,7 +220,7 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
 
 
 def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Give description and arrays for `container.write_model_file`."""
+    """Give description and arrays for `to_bytes`."""
     c, parts = calibration, dict[str, Mapping[str, Array]]()
     description = {
         "kind": "calibration",
@@ -198,10 +234,12 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
     elif np.isnan(c.zero.deviation).any():
         del description["zero"]["deviation"]
     parts["zero"] = c.offsets
-    for name in ("training_domain", "effort_baseline", "parity"):
-        parts[name] = _arrays_of(getattr(c, name))
-    first = RezeroedFit(c.fitted, c.fitted_baselines, c.moves, c.interval)
-    for key, fit in (("fit", first), (_REZEROED, c.rezeroed_fit)):
+    parts |= {name: _arrays_of(getattr(c, name)) for name in _PARTS}
+    parts["moves"] = {} if c.moves is None else {"signals": c.moves}
+    for key, prefix, fit in (
+        ("fit", "", Fit(c.fitted, c.fitted_baselines)),
+        (_REZEROED, f"{_REZEROED}/", c.rezeroed_fit),
+    ):
         if fit is None:
             continue
         models = {"model": fit.fitted, **fit.baselines}
@@ -213,10 +251,7 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
             for name, data in models.items()
         }
         description[key] = {"model": entries.pop("model"), "baselines": entries}
-        prefix = "" if fit is first else f"{_REZEROED}/"
         parts |= {prefix + name: data.arrays for name, data in models.items()}
-        parts[f"{prefix}moves"] = {} if fit.moves is None else {"signals": fit.moves}
-        parts[f"{prefix}interval"] = _arrays_of(fit.interval)
     arrays = {f"{part}/{name}": a for part, named in parts.items() for name, a in named.items()}
     return description, arrays
 
@@ -257,9 +292,8 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
         "s": len(stated.units) + len(stated.redundant), "n": len(stated.units), "j": n_joints,
         "f": len(stated.features), "t": count_effort_terms(n_joints), "b": len(BEGINNINGS),
     }  # fmt: skip
-    first = _fit(stated.fit, parts, "", sizes)
-    again = stated.rezeroed_fit
-    offsets = parts.pop("zero", {})
+    first, again = _fit(stated.fit, parts, ""), stated.rezeroed_fit
+    offsets, moves = parts.pop("zero", {}), parts.pop("moves", {})
     lower, upper = stated.ranges.T.copy()
     calibration = Calibration(
         machine=robot_of(stated.robot, "the model file"),
@@ -268,11 +302,10 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
         upper=upper,
         fitted=first.fitted,
         fitted_baselines=first.baselines,
-        moves=first.moves,
-        interval=first.interval,
-        rezeroed_fit=None if again is None else _fit(again, parts, f"{_REZEROED}/", sizes),
+        moves=_checked("moves", {"signals": "nj"} if moves else {}, moves, sizes).get("signals"),
+        rezeroed_fit=None if again is None else _fit(again, parts, f"{_REZEROED}/"),
         offsets=_checked("zero", dict.fromkeys(offsets, "j"), offsets, sizes),
-        **{name: _part(name, parts, "", sizes) for name in _PARTS if name != "interval"},
+        **{name: _part(name, parts, sizes) for name in _PARTS},
         **{name: getattr(stated, name) for name in _SAME},
     )
     if not set(offsets) <= {"model", *first.baselines}:
@@ -289,29 +322,23 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     return calibration
 
 
-def _fit(entry: _Fit, parts: _Parts, prefix: str, sizes: Mapping[str, int]) -> RezeroedFit:
-    """Take the models of a fit, what its zero moves and its interval out of the parts."""
+def _fit(entry: _Fit, parts: _Parts, prefix: str) -> Fit:
+    """Take the models of a fit out of the parts."""
     models = {
         name: EstimatorData(stated.family, _tuples(stated.params), parts.pop(prefix + name, {}))
         for name, stated in {**entry.baselines, "model": entry.model}.items()
     }
-    moves, axes = parts.pop(f"{prefix}moves", None), {"signals": "nj"}
-    return RezeroedFit(
-        models.pop("model"),
-        models,
-        None if moves is None else _checked("moves", axes, moves, sizes)["signals"],
-        _part("interval", parts, prefix, sizes),
-    )
+    return Fit(models.pop("model"), models)
 
 
-def _part(name: str, parts: _Parts, prefix: str, sizes: Mapping[str, int]) -> Any:
+def _part(name: str, parts: _Parts, sizes: Mapping[str, int]) -> Any:
     """Take a part of a model out of the parts; None where it is not there.
 
     Raises ModelFileError when names or shapes are not those of the part, or a number is not finite
     or none that a calibration gives.
     """
     kind, axes = _PARTS[name]
-    arrays, title = parts.pop(prefix + name, None), name.replace("_", " ")
+    arrays, title = parts.pop(name, None), name.replace("_", " ")
     if arrays is None:
         return None
     values = _checked(title, axes, arrays, sizes)
@@ -356,3 +383,79 @@ def _can_be_stated(arrays: Mapping[str, Array]) -> bool:
         and needed_trajectories(float(levels[-1])) <= arrays["trajectories"][0]
         and max(arrays[name][0] for name in ("trajectories", "homings")) <= 1e9
     )
+
+
+def check_name(path: str | os.PathLike[str]) -> Path:
+    """Path of a model file to write; raises ModelFileError when its ending is another format's."""
+    path = Path(path)
+    if path.suffix.lower() in _OTHER_FORMATS:
+        raise ModelFileError(
+            f"{path}: a model file is not {path.suffix}; call it "
+            f"{path.with_suffix('.safetensors').name}, and see `truejoint export` for C and ONNX"
+        )
+    return path
+
+
+def to_bytes(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+    """Bytes of a model file; the same for the same model."""
+    arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in arrays.items()}
+    versioned = {**description, "format": FORMAT_VERSION}
+    signed = {**versioned, "sha256": content_hash(versioned, arrays)}
+    return bytes(safetensors.numpy.save(arrays, metadata={_KEY: canonical_json(signed)}))
+
+
+def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Give description and arrays of the bytes of a model file; raises ModelFileError."""
+    if len(data) > MAX_FILE_BYTES:
+        raise ModelFileError(
+            f"larger than {MAX_FILE_BYTES} bytes, which no truejoint model is; {_DAMAGED}"
+        )
+    if data[:4] == b"PAR1":
+        raise ModelFileError("is a Parquet file, as recordings are; name the model file here")
+    length = int.from_bytes(data[:8], "little")
+    if len(data) < 8 or length > min(MAX_HEADER_BYTES, len(data) - 8):
+        raise ModelFileError(
+            f"{len(data)} bytes with a header said to have {length}: not a safetensors file of "
+            f"truejoint, or cut short; {_DAMAGED}"
+        )
+    try:
+        arrays = safetensors.numpy.load(data)
+    except (safetensors.SafetensorError, KeyError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise ModelFileError(f"its arrays cannot be read ({reason:.80}); {_DAMAGED}") from None
+    description = _header(data[8 : 8 + length])
+    version = description.pop("format", None)
+    if version is True or version != FORMAT_VERSION:
+        is_newer = isinstance(version, int) and version > FORMAT_VERSION
+        word, advice = (
+            ("newer than", "update truejoint") if is_newer else ("not", "calibrate again")
+        )
+        raise ModelFileError(
+            f"format version {version!r:.40} is {word} {FORMAT_VERSION}, the newest that this "
+            f"truejoint reads; {advice}"
+        )
+    if len(arrays) > MAX_TENSORS:
+        raise ModelFileError(f"{len(arrays)} tensors, more than {MAX_TENSORS}; {_DAMAGED}")
+    for name, array in arrays.items():
+        if array.dtype != np.float64 or array.ndim not in (1, 2):
+            raise ModelFileError(f"tensor {name!r:.60} has a wrong type or shape; {_DAMAGED}")
+    digest = description.pop("sha256", None)
+    if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
+        raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
+    return description, {name: np.array(array) for name, array in arrays.items()}
+
+
+def _header(header: bytes) -> dict[str, Any]:
+    """Give the JSON object that stands in the header, which safetensors has checked."""
+    metadata = json.loads(header).get("__metadata__", {})
+    if _KEY not in metadata:
+        raise ModelFileError(
+            f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
+        )
+    try:
+        description = json.loads(metadata[_KEY], parse_constant=int)  # refuses NaN and Infinity
+    except (ValueError, RecursionError):
+        description = None
+    if not isinstance(description, dict):
+        raise ModelFileError(f"the model description is not a JSON object; {_DAMAGED}")
+    return description

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.schema import Bounds
+from truejoint.schema import Bounds, Shape
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
-ZeroOf = Literal["shared", "recording", "homing"]
+ZeroOf = Literal["shared", "recording"]
 _Number = Annotated[float, Bounds(-1e15, 1e15)]
 
 
@@ -69,15 +69,6 @@ class Session:
 
 
 @dataclass(frozen=True, eq=False)
-class TrainingZeros:
-    """Zeros of the groups of training recordings that do not share one."""
-
-    per: Literal["recording", "homing"]
-    names: tuple[str, ...]
-    offsets: Array  # (n_groups, n_joints) [rad or m], about their mean
-
-
-@dataclass(frozen=True, eq=False)
 class Origin:
     """What a calibration was made from, as far as the product reads it again."""
 
@@ -88,7 +79,8 @@ class Origin:
     interval_sessions: tuple[Session, ...] = ()  # recordings that the interval was made of
     accepted: tuple[str, ...] = ()  # failures of the data check that the user accepted
     baseline_notes: Mapping[str, str] = field(default_factory=dict)  # why one is absent or weak
-    zeros: TrainingZeros | None = None  # where the training recordings do not share one zero
+    zeros: Annotated[Array, Shape((None, None))] | None = None
+    """(n_recordings, n_joints) [rad or m] about their mean, where those fitted to share none."""
 
     def includes(self, recording: Recording) -> bool:
         """Whether the fit used rows of a recording."""

@@ -69,13 +69,14 @@ def fit_parity_equations(
     recordings: Sequence[Recording],
     joints: Sequence[str],
     signals: Sequence[str],
-    columns: Mapping[str, str],
+    asked: Sequence[str] | None = None,
 ) -> tuple[ParityEquations | None, dict[str, str]]:
-    """Parity equations of each joint with each quantity among `columns` (their units by name).
+    """Parity equations of each joint with each quantity among `redundant_columns`.
 
     Gives them for samples of `signals` followed by the columns that they need, and the units of
     those; None and nothing where no column says where a joint is.
     """
+    columns = redundant_columns(recordings, asked)
     tables = {
         name: np.concatenate([recording.column(name) for recording in recordings])
         for name in dict.fromkeys((*columns, *(f"measured/{joint}" for joint in joints)))

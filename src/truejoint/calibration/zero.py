@@ -246,17 +246,14 @@ def known_error(calibration: Calibration, recording: Recording | Rows) -> tuple[
 
 
 def judged_error(
-    calibration: Calibration, recording: Recording | Rows, rezero: float, among: Mask | None = None
+    calibration: Calibration, recording: Recording | Rows, rezero: float
 ) -> tuple[Array, Integers]:
     """Errors (m, n_joints) [rad or m] that are judged, and the rows (m,) that they are of.
 
-    Those of all rows with truth (of the rows `among` (n,), where it is given) or, where the first
-    `rezero` [s] of them set the zero, of those after; raises CalibrationError as `known_error`, or
-    when nothing is left.
+    Those of all rows with truth or, where the first `rezero` [s] of them set the zero, of those
+    after; raises CalibrationError as `known_error`, or when nothing is left.
     """
     rows = rows_with_truth(calibration, recording)
-    if among is not None:
-        rows = rows.hide(~among)
     error, is_known = known_error(zeroed(calibration, rows, rezero), rows)
     used = at_start(rows.t[is_known], rezero)
     if used.all():

@@ -27,40 +27,27 @@ _CROSS: Final = "cross"  # in place of recordings for an interval
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy that the model file is to state, an option each."""
+    """Interval that the model file is to state, an option."""
 
-    test: list[str] | None = None
     interval: list[str] | None = None
-    interval_rezero_s: float = 0.0
 
     @property
     def is_cross(self) -> bool:
         """Whether the interval comes from the training recordings."""
         return self.interval == [_CROSS]
 
-    def find(self, files: Files) -> list[Read]:
-        """Find the recordings to judge on, and those for the interval alone."""
-        unseen = [] if self.is_cross else self.interval or []
-        return [files.find(names) for names in (self.test or [], unseen)]
+    def find(self, files: Files) -> Read:
+        """Find the recordings for the interval alone."""
+        return files.find([] if self.is_cross else self.interval or [])
 
     def stated_by(
-        self,
-        fitted: truejoint.Calibration,
-        testing: Sequence[truejoint.Recording],
-        unseen: Sequence[truejoint.Recording],
+        self, fitted: truejoint.Calibration, unseen: Sequence[truejoint.Recording]
     ) -> truejoint.Calibration:
-        """State an interval by `unseen` recordings, and the accuracy on those to judge on."""
-        if unseen:
-            rezero = self.interval_rezero_s
-            with progress(f"Making an interval of {len(unseen)} recordings"):
-                fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=rezero)
-        if not testing:
+        """State an interval by `unseen` recordings, where there are any."""
+        if not unseen:
             return fitted
-        judged = truejoint.evaluate(fitted, testing)
-        if judged.domain is not None and judged.domain.inside < 1.0:
-            flags = ", ".join(judged.domain.flags)
-            say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
-        return fitted.with_metadata(held_out=judged.to_dict()["scores"])
+        with progress(f"Making an interval of {len(unseen)} recordings"):
+            return truejoint.calibration.with_interval(fitted, unseen)
 
 
 def calibrate(
@@ -81,15 +68,13 @@ def calibrate(
         recordings, part=part, split=split, held_out=False, joints=how.joints or [],
         inputs=suited["features"],
     )  # fmt: skip
-    read_others = accuracy.find(files)
-    training, others = read_training(), [read() for read in read_others]
+    read_unseen = accuracy.find(files)
+    training, unseen = read_training(), read_unseen()
     check = data_check.run(training, joints=how.joints)
     if check.failed:
         return refused(check)
-    if accuracy.is_cross:
-        suited["rezero"] = accuracy.interval_rezero_s
     fitted = fit(training, unfitted, **suited, is_cross=accuracy.is_cross)
-    return finish(accuracy.stated_by(fitted, *others), check, new)
+    return finish(accuracy.stated_by(fitted, unseen), check, new)
 
 
 def refused(check: truejoint.recordings.DataCheck) -> Result:
@@ -185,8 +170,6 @@ def adapt(
     data_check: DataCheck,
     files: Files,
     reference: list[str] | None = None,
-    fit_rate_hz: float | None = None,
-    weights_mm: float | None = None,
     part: str | None = None,
 ) -> Result:
     """Adapt a calibration to another day, tool or arm of the same robot.
@@ -198,25 +181,11 @@ def adapt(
         raise CalibrationError("--interval cross needs `truejoint calibrate`; name recordings")
     calibration = truejoint.read_calibration(model)
     read_training = files.find(recordings, part=part, model=calibration)
-    if weights_mm is not None:
-        loaded, lever = read_training(), weights_mm / 1e3
-        with progress("Identifying the stiffness"):
-            stiff, stiffness = truejoint.calibration.with_stiffness(calibration, loaded, lever)
-        new.write(stiff)
-        out.print(
-            f"K_d = {stiffness.drive_stiffness / 1e3:.2f} ± {stiffness.deviation / 1e3:.2f} kN/m, "
-            f"growing by {stiffness.growth:.0f} N/m per N of tension"
-        )
-        friction = 2e3 * stiff.model.jaw_friction
-        out.print(f"Friction may hide up to {friction:.1f} mNm against the last motion")
-        out.print(f"{new.output}: the model with this stiffness")
-        return Result({"model": str(new.output), **vars(stiffness)})
-    read_others = [*accuracy.find(files), files.find(reference or [])]
-    training, (*others, before) = read_training(), [read() for read in read_others]
+    read_unseen, read_before = accuracy.find(files), files.find(reference or [])
+    training, unseen, before = read_training(), read_unseen(), read_before()
     check = data_check.run(training, joints=calibration.joints)
     if check.failed:
         return refused(check)
-    adapted = truejoint.calibration.adapted(
-        calibration, training, reference=before, fit_rate=fit_rate_hz
-    ).with_metadata(command=command_line())
-    return finish(accuracy.stated_by(adapted, *others), check, new)
+    adapted = truejoint.calibration.adapted(calibration, training, reference=before)
+    adapted = adapted.with_metadata(command=command_line())
+    return finish(accuracy.stated_by(adapted, unseen), check, new)

@@ -192,32 +192,15 @@ def check(
     model: Path,
     recording: str,
     files: Files,
-    against: Path | None = None,
     level_percent: float | None = None,
     part: str | None = None,
 ) -> Result:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    from truejoint.calibration.interval import LEVEL
-
     stated = options.share(level_percent)
-    level = LEVEL if stated is None else stated
     calibration = truejoint.read_calibration(model)
-    other = None if against is None else truejoint.read_calibration(against)
-    if stated is not None or calibration.interval is not None:
-        calibration.required_interval().index(level)
     loaded = files.one(recording, part=part, model=calibration)
-    if other is None:
-        with progress("Comparing with the truth"):
-            result = truejoint.runtime.check_calibration(calibration, loaded, stated)
-        return _report_check(calibration, result)
-    with progress("Comparing the two calibrations"):
-        agreement = truejoint.calibration.compare_calibrations(calibration, other, loaded, level)
-    return _report_agreement(calibration, agreement)
-
-
-def _report_check(
-    calibration: truejoint.Calibration, result: truejoint.runtime.CalibrationCheck
-) -> Result:
+    with progress("Comparing with the truth"):
+        result = truejoint.runtime.check_calibration(calibration, loaded, stated)
     rows = []
     for joint in result.joints:
         values = (joint.rmse, joint.offset, joint.offset_sd, joint.rezeroed_rmse, joint.half_width)
@@ -249,23 +232,3 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
         "(`truejoint rezero`), or calibrate anew where much is left after re-zeroing.",
     }
     return verdicts[result.holds]
-
-
-def _report_agreement(
-    calibration: truejoint.Calibration, agreement: truejoint.calibration.Agreement
-) -> Result:
-    names = ("difference", "allowed", "inside", "consistent")
-    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
-    columns = [getattr(agreement, name).tolist() for name in names]
-    rows = list(zip(calibration.joints, units, *columns, strict=True))
-    lines = [
-        (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
-        for joint, unit, off, allowed, inside, _ in rows
-    ]
-    header = ("joint", "RMS", "both intervals, RMS", "inside")
-    print_table(header, lines, title="Difference of the two calibrations")
-    good, more = bool(agreement.consistent.all()), "at least one interval is too narrow here"
-    verdict = "no more than both state." if good else f"more than both state: {more}."
-    out.print(f"They differ by {verdict}", style=_COLOURS[good])
-    joints = [dict(zip(("joint", "unit", *names), row, strict=True)) for row in rows]
-    return Result({"level": agreement.level, "joints": joints}, passed=good)

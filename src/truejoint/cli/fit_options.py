@@ -29,7 +29,7 @@ class FitOptions:
     target: Literal["error", "position"] | None = None
     redundant: list[str] | None = None
     fit_rate_hz: float | None = None
-    zero: Literal["shared", "recording", "homing"] | None = None
+    zero: Literal["shared", "recording"] | None = None
     seed: int = 0
 
     def suited_to(self, dataset: str | None) -> FitOptions:

@@ -305,9 +305,9 @@ class NewModel:
     force: bool = False
 
     def __post_init__(self) -> None:
-        from truejoint.calibration import container
+        from truejoint.calibration.model_file import check_name
 
-        check_target(container.check_name(self.output), overwrite=self.force)
+        check_target(check_name(self.output), overwrite=self.force)
 
     def write(self, model: truejoint.Calibration) -> None:
         """Write the model."""

@@ -26,7 +26,7 @@ _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajec
 _ANY_HOMING: Final = "any one, the first that the loop is told: training named none"
 _MOST: Final = 12  # items of a list that are shown
 # What stands in a model's summary, or beside it in other words.
-_TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
+_TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids"})
 
 
 def show(name: str, files: Files) -> Result:

@@ -30,7 +30,6 @@ def judge_interval(
     trajectory; where the interval holds after any homing, all recordings after one homing do.
     Gives what `Evaluation` says of intervals, by attribute, and `traces` with bounds.
     """
-    calibration = calibration if calibration.interval else calibration.for_rezeroing
     interval = calibration.interval
     if interval is None:
         return {"traces": tuple(traces)}

@@ -51,7 +51,6 @@ _LABELS: Final = {
     "rows": "rows trained on",
     "sessions": "Recordings trained on",
     "interval_sessions": "Recordings that made the interval",
-    "held_out": "Accuracy on recordings held out when it was made",
     "homing_id": "homing",
     "homing_ids": "homings",
     "load": "load [kg]",
