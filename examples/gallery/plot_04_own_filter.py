@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numba import njit
 
-from truejoint.filters import Gate, StateSpaceModel, UnscentedFilter
+from truejoint.filters import StateSpaceModel, UnscentedFilter
 
 # %%
 # A pendulum
@@ -64,7 +64,7 @@ z = states[:, :1] + rng.normal(0.0, 0.03, (len(t), 1))
 z[100:150] = np.nan
 z[250] += 1.0
 
-pendulum = UnscentedFilter(model, gate=Gate(0.999))
+pendulum = UnscentedFilter(model, gate=0.999)
 result = pendulum.run(z, np.zeros((len(t), 1)), x0=[0.4, 0.0], P0=np.diag([1e-2, 1e-2]), dt=1e-2)
 smooth = pendulum.smooth(result)
 

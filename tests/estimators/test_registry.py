@@ -52,7 +52,7 @@ def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
     [
         (Polynomial(1), "linear"),
         (Polynomial(3), "polynomial"),
-        (JawFilter(lambda_=2.0), "ukf"),
+        (JawFilter(slider_mass=2.0), "ukf"),
         (JawFilter(compensated=True), "ukf_compensated"),
         (JawPlays(signals=("cable/reset",), penalty=1.0), "play_reset"),
         (JawPlays(signals=("motor/jaw", "cable/drive")), "plays.jaw_bank"),

@@ -18,13 +18,11 @@ from sklearn.compose import TransformedTargetRegressor
 from sklearn.decomposition import PCA
 from sklearn.ensemble import (
     AdaBoostRegressor,
-    BaggingRegressor,
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
     StackingRegressor,
-    VotingRegressor,
 )
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
@@ -44,10 +42,8 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import (
     FunctionTransformer,
-    MaxAbsScaler,
     MinMaxScaler,
     PolynomialFeatures,
-    RobustScaler,
     StandardScaler,
 )
 from sklearn.svm import SVR
@@ -93,17 +89,7 @@ IN_THE_LOOP = {
         HistGradientBoostingRegressor(max_iter=6, loss="absolute_error"),
         MultiOutputRegressor(GradientBoostingRegressor(n_estimators=4)),
         MultiOutputRegressor(ExtraTreesRegressor(3, random_state=0)),
-        BaggingRegressor(n_estimators=4, max_features=2, random_state=0),
-        VotingRegressor(
-            [
-                ("forest", RandomForestRegressor(3, random_state=0)),
-                ("none", "drop"),
-                ("boosted", HistGradientBoostingRegressor(max_iter=3)),
-            ],
-            weights=[1.0, 5.0, 2.0],
-        ),
         make_pipeline(StandardScaler(), RandomForestRegressor(3, random_state=0)),
-        make_pipeline(RobustScaler(), HistGradientBoostingRegressor(max_iter=3)),
     ],
     "polynomial": [
         LinearRegression(),
@@ -112,7 +98,6 @@ IN_THE_LOOP = {
         HuberRegressor(max_iter=1000),
         MultiOutputRegressor(Lasso(0.01)),
         make_pipeline(StandardScaler(), BayesianRidge()),
-        make_pipeline(MaxAbsScaler(), Ridge()),
         GridSearchCV(Ridge(), {"alpha": [0.1, 1.0]}, cv=2),
     ],
     "network": [make_pipeline(StandardScaler(), network(activation="logistic"))],

@@ -13,7 +13,6 @@ from tests.runtime.streams import trained
 
 from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import (
-    Bounded,
     NeuralNetwork,
     Polynomial,
     Stack,
@@ -27,7 +26,7 @@ onnxruntime = pytest.importorskip("onnxruntime", reason="the extra [onnx] is not
 
 ESTIMATORS = (
     Polynomial(0), Polynomial(1), Polynomial(2), Polynomial(3),
-    NeuralNetwork(hidden_layer_sizes=(9, 7, 5)), Bounded(Polynomial(2)),
+    NeuralNetwork(hidden_layer_sizes=(9, 7, 5)),
 )  # fmt: skip
 
 
@@ -65,9 +64,10 @@ def test_graph_gives_what_correct_gives(tmp_path, estimator, features, target):
     assert not np.allclose(position, expected, rtol=0, atol=1e-12)
 
 
-def test_a_combination_is_the_graphs_of_its_members(tmp_path):
+@pytest.mark.parametrize("how", [{}, {"sees": ((2, 0), (0, 1, 2)), "beside": ((), (1, 0))}])
+def test_a_combination_is_the_graphs_of_its_members(tmp_path, how):
     tried = (Polynomial(1), NeuralNetwork(hidden_layer_sizes=(5,), epochs=2))
-    model = trained(Stack(tried, ((0.25, 0.0), (0.75, 1.0))))
+    model = trained(Stack(tried, ((0.25, 0.0), (0.75, 1.0)), **how))
     test = stream_recording(np.arange(0.0, 5.0, 1 / 30), seed=3)
     _, position = run(export_onnx(model, tmp_path / "m.onnx"), model, test)
     np.testing.assert_allclose(position, model.correct(test), rtol=0, atol=1e-12)

@@ -9,8 +9,8 @@ import pytest
 import scipy.stats
 from numba import njit
 
-from truejoint.filters import Gate, UnscentedFilter
-from truejoint.filters.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.filters import UnscentedFilter
+from truejoint.filters.sigma_points import ScaledSigmaPoints
 from truejoint.filters.state_space import StateSpaceModel
 
 RUNS, ROWS, DT = 50, 400, 0.01
@@ -68,9 +68,8 @@ def simulate(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     "options",
     [
         {},
-        {"second_generation": False},
-        {"sigma_points": LambdaSigmaPoints(-1.0)},
-        {"sigma_points": ScaledSigmaPoints(0.5), "gate": Gate(0.99999)},
+        {"sigma_points": ScaledSigmaPoints(1.0, 0.0, -1.0)},
+        {"sigma_points": ScaledSigmaPoints(0.5), "gate": 0.99999},
     ],
 )
 def test_nees_and_nis_within_their_chi_square_bounds(options: dict) -> None:

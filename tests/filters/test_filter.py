@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,9 @@ from numba import njit
 from tests.filters.linear import linear_model
 from tests.filters.test_faults import seen, still
 
-from truejoint.filters import Gate, UnscentedFilter
+from truejoint.filters import UnscentedFilter
 from truejoint.filters.sigma_points import (
     FilterError,
-    LambdaSigmaPoints,
     ScaledSigmaPoints,
 )
 from truejoint.filters.state_space import StateSpaceModel
@@ -28,21 +26,17 @@ from truejoint.filters.status import FilterStatus
 POINTS = (
     ScaledSigmaPoints(),
     ScaledSigmaPoints(0.3, 1.5, 1.0),
-    LambdaSigmaPoints(-0.5),
-    LambdaSigmaPoints(3.0),
+    ScaledSigmaPoints(1.0, 0.0, -0.5),
+    ScaledSigmaPoints(1.0, 0.0, 3.0),
 )
-FORMS = [
-    {"sigma_points": points, "second_generation": second}
-    for points, second in itertools.product(POINTS, (True, False))
-]
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_robot_reference_of_matlab(reference: Path, form: dict) -> None:
+@pytest.mark.parametrize("points", POINTS)
+def test_robot_reference_of_matlab(reference: Path, points: ScaledSigmaPoints) -> None:
     data = scipy.io.loadmat(reference / "pykalman_robot.mat")
     # The offset b[k] of each step enters as control input; d is taken off the measurements.
     model = linear_model(data["A"], np.eye(5), data["C"], data["Q"], data["R"])
-    estimator = UnscentedFilter(model, **form)
+    estimator = UnscentedFilter(model, points)
     z = (data["y"] - data["d"]).T
     result = estimator.run(z, data["b"].T, x0=data["x0"].ravel(), P0=data["V_0"], dt=1.0)
     smoothed = estimator.smooth(result)
@@ -59,8 +53,8 @@ def test_robot_reference_of_matlab(reference: Path, form: dict) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("form", FORMS[::3])
-def test_missing_values_like_kfas(reference: Path, form: dict) -> None:
+@pytest.mark.parametrize("points", POINTS[::2])
+def test_missing_values_like_kfas(reference: Path, points: ScaledSigmaPoints) -> None:
     table = np.genfromtxt(reference / "statsmodels_macrodata.csv", delimiter=",", names=True)
     theirs = np.genfromtxt(
         reference / "statsmodels_results_smoothing_R.csv", delimiter=",", names=True
@@ -75,7 +69,7 @@ def test_missing_values_like_kfas(reference: Path, form: dict) -> None:
     ):
         z[slice(*rows), column] = np.nan
     eye = np.eye(3)
-    estimator = UnscentedFilter(linear_model(eye, np.zeros((3, 0)), eye, eye, eye), **form)
+    estimator = UnscentedFilter(linear_model(eye, np.zeros((3, 0)), eye, eye, eye), points)
     time = np.arange(len(z), dtype=float)
     result = estimator.run(z, x0=np.zeros(3), P0=1e6 * eye, t=time)
     smoothed = estimator.smooth(result)
@@ -135,10 +129,10 @@ def random_covariance(rng: np.random.Generator, n: int) -> np.ndarray:
     p=st.integers(0, 2),
     missing=st.sampled_from([0.0, 0.3, 0.9]),
     known_start=st.booleans(),
-    form=st.sampled_from(FORMS),
+    points=st.sampled_from(POINTS),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_linear_model_is_the_kalman_filter(n, m, p, missing, known_start, form, seed) -> None:
+def test_linear_model_is_the_kalman_filter(n, m, p, missing, known_start, points, seed) -> None:
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(n, n))
     A /= max(1.0, np.abs(np.linalg.eigvals(A)).max())
@@ -148,7 +142,7 @@ def test_linear_model_is_the_kalman_filter(n, m, p, missing, known_start, form, 
     z[rng.random(z.shape) < missing] = np.nan
     x0 = rng.normal(size=n)
     P0 = np.zeros((n, n)) if known_start else random_covariance(rng, n)
-    estimator = UnscentedFilter(linear_model(A, B, C, Q, R), **form)
+    estimator = UnscentedFilter(linear_model(A, B, C, Q, R), points)
     result = estimator.run(z, u, x0=x0, P0=P0, dt=1.0)
     after = estimator.smooth(result)
     filtered, smoothed, scores = kalman(A, B, C, Q, R, z, u, x0, P0)
@@ -200,16 +194,6 @@ def bent_record(rows: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return z + rng.normal(size=(rows, 2)) * [0.1, 0.03], u, dt
 
 
-def test_second_generation_matters_only_where_the_model_is_bent() -> None:
-    z, u, dt = bent_record(100)
-    prior = {"x0": [1.2, 0.0], "P0": np.diag([0.1, 0.1])}
-    first, second = (
-        UnscentedFilter(bent_model(), second_generation=redraw).run(z, u, dt=dt, **prior)
-        for redraw in (False, True)
-    )
-    assert np.abs(first.x - second.x).max() > 1e-4
-
-
 def test_paper_weights_by_hand() -> None:
     """One scalar step with f = sin, h = square, worked through (15)-(23) with explicit weights."""
     x, P, Q, R, z, lambda_ = 0.7, 0.04, 0.01, 0.02, 0.5, 2.0
@@ -232,7 +216,8 @@ def test_paper_weights_by_hand() -> None:
         out[0] = x[0] ** 2
 
     model = StateSpaceModel(f, h, [[Q]], [[R]], states=("x",), measurements=("z",))
-    result = UnscentedFilter(model, LambdaSigmaPoints(lambda_)).run([z], x0=[x], P0=[[P]], dt=1.0)
+    points = ScaledSigmaPoints(1.0, 0.0, lambda_)
+    result = UnscentedFilter(model, points).run([z], x0=[x], P0=[[P]], dt=1.0)
     assert result.x[0, 0] == pytest.approx(mean + P_xz / P_zz * (z - z_mean), rel=1e-13)
     assert result.P[0, 0, 0] == pytest.approx(predicted - P_xz**2 / P_zz, rel=1e-12)
     assert result.nis[0] == pytest.approx((z - z_mean) ** 2 / P_zz, rel=1e-12)
@@ -242,7 +227,7 @@ def test_single_steps_give_the_bits_of_the_whole_record() -> None:
     z, u, dt = bent_record(200)
     z[50:60] = np.nan
     z[70:90, 1] = np.nan
-    estimator = UnscentedFilter(bent_model(), gate=Gate(0.99, 3))
+    estimator = UnscentedFilter(bent_model(), gate=0.99, patience=3)
     prior = {"x0": [1.2, 0.0], "P0": np.diag([0.1, 0.1])}
     result = estimator.run(z, u, dt=dt, **prior)
     state = estimator.initial_state(**prior)
@@ -324,11 +309,11 @@ def test_step_refuses_wrong_lengths_and_strange_states() -> None:
 
 
 def test_settings_are_refused_at_the_door() -> None:
-    with pytest.raises(FilterError, match="gate probability"):
-        Gate(1.5)
+    with pytest.raises(FilterError, match="give a probability between 0 and 1"):
+        UnscentedFilter(bent_model(), gate=1.5)
     with pytest.raises(FilterError, match="patience"):
-        Gate(0.9, -1)
-    with pytest.raises(FilterError, match="lambda"):
-        UnscentedFilter(bent_model(), LambdaSigmaPoints(-2.0))
+        UnscentedFilter(bent_model(), gate=0.9, patience=-1)
+    with pytest.raises(FilterError, match="kappa"):
+        UnscentedFilter(bent_model(), ScaledSigmaPoints(1.0, 0.0, -2.0))
     with pytest.raises(FilterError, match="StateSpaceModel"):
         UnscentedFilter(bent)

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from truejoint.filters.sigma_points import (
     FilterError,
-    LambdaSigmaPoints,
     ScaledSigmaPoints,
 )
 
@@ -41,11 +40,9 @@ def test_rearranged_sums_are_the_weighted_sums(alpha, beta, kappa, size, seed) -
     np.testing.assert_allclose(rearranged, covariance, atol=1e-11 * scale**2)
 
 
-def test_lambda_form_is_the_scaled_form_with_one_alpha() -> None:
-    assert LambdaSigmaPoints(-1.0).reach(4) == pytest.approx(np.sqrt(3.0))
+def test_the_form_of_the_paper_is_the_scaled_form_with_one_alpha() -> None:
     assert ScaledSigmaPoints(1.0, 0.0, -1.0).reach(4) == pytest.approx(np.sqrt(3.0))
     assert ScaledSigmaPoints(1.0, 0.0, -1.0).centre_correction == -1.0
-    assert LambdaSigmaPoints(-1.0).centre_correction == -1.0
 
 
 @pytest.mark.parametrize(
@@ -55,8 +52,7 @@ def test_lambda_form_is_the_scaled_form_with_one_alpha() -> None:
         lambda: ScaledSigmaPoints(np.nan),
         lambda: ScaledSigmaPoints(beta=np.inf),
         lambda: ScaledSigmaPoints(kappa=-4.0).reach(4),
-        lambda: LambdaSigmaPoints(np.nan),
-        lambda: LambdaSigmaPoints(-4.0).reach(4),
+        lambda: ScaledSigmaPoints(kappa=np.nan),
     ],
 )
 def test_settings_without_meaning_are_refused(make) -> None:

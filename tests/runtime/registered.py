@@ -31,7 +31,7 @@ from truejoint.studies.wrist import motions
 from . import streams
 
 FEW_PLAYS = Plays(
-    plays=(0.01, 0.1), time_constants=(0.02,), leading=1, squared=0, pairs=()
+    plays=(0.01, 0.1), time_constants=(0.02,)
 )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.estimators.registry import BESIDE_FILTER, FILTER_WITH_TREES, LINEAR, OFFSET, RAW
-from truejoint.estimators.stack.learn import Bounded, Stack
+from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import (
     FeatureSet,
@@ -77,7 +77,7 @@ Say = Callable[[float, str], None]
 class Candidate:
     """A model of some features, and how it was fitted so far."""
 
-    model: JointRegressor  # unfitted; a first fit settles what it determines
+    model: JointRegressor  # unfitted
     features: tuple[str, ...]
     target: Target
     is_simple: bool = False
@@ -90,11 +90,6 @@ class Candidate:
     seconds: float = 0.0
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
-
-    def bounded(self, features: Sequence[str], beside: Sequence[str] = ()) -> JointRegressor:
-        """Give the model as it sees `features`, held to the range that it is fitted to."""
-        columns, others = (tuple(map(features.index, names)) for names in (self.features, beside))
-        return Bounded(self.model, columns, others)
 
     @property
     def bears_load(self) -> bool:
@@ -344,7 +339,8 @@ def _predict(
     And see how widely predictions spread where signals come apart, in deviations of the targets;
     that is not asked of more than two recordings.
     """
-    model = candidate.bounded(table.features.names)
+    places = map(table.features.names.index, candidate.features)
+    model = Stack((candidate.model,), sees=(tuple(places),))
     needed = model.minimum_rows(len(candidate.features))
     if len(training) < needed:
         raise CalibrationError(
@@ -371,9 +367,8 @@ def _predict(
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         candidate.spread = np.maximum(candidate.spread, np.sqrt(np.mean(far**2, axis=0)))
-    if model.member_.family.row is None:
+    if model.members_[0].family.row is None:
         candidate.note = "only works offline, so it is used where it is named alone"
-    candidate.model = model.member_.settled()
     return np.asarray(predicted - measured[test])
 
 
@@ -476,7 +471,7 @@ class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these, held to the range that it was fitted to (`truejoint.estimators.Bounded`). A
+    and judged on these, held to the range that it was fitted to (`truejoint.estimators.Stack`). A
     joint is given what has the least expected error there: a mean of several (Breiman, Stacked
     regressions, Machine Learning 24, 1996) or one alone; raw position and offset where every
     correction did harm. The fits that serve the choice see six thousand rows; what is chosen is
@@ -684,11 +679,13 @@ def _estimator(
     mixed = len({member.target for member in members}) > 1
     measured = tuple(f"measured/{joint}" for joint in joints) if mixed else ()
     names = tuple(dict.fromkeys([*(n for c in members for n in c.features), *measured]))
-    bounded = [c.bounded(names, measured if c.target == "error" else ()) for c in members]
-    shares = tuple(map(tuple, weights[in_use].tolist()))
-    target: Target = "position" if mixed else first.target
-    estimator = bounded[0] if len(members) == 1 else Stack(tuple(bounded), shares)
-    return estimator, FeatureSet.parse(names), target
+    sees = tuple(tuple(map(names.index, candidate.features)) for candidate in members)
+    others = tuple(map(names.index, measured))
+    beside = tuple(others if candidate.target == "error" else () for candidate in members)
+    shares = None if len(members) == 1 else tuple(map(tuple, weights[in_use].tolist()))
+    models = tuple(candidate.model for candidate in members)
+    estimator = Stack(models, shares, sees=sees, beside=beside if mixed else None)
+    return estimator, FeatureSet.parse(names), "position" if mixed else first.target
 
 
 def _evidence(

@@ -254,7 +254,7 @@ def _judge_zeros(
     """Whether a zero for each recording is better, cross-validated, and the evidence.
 
     What is left out enters no fit that it judges, nor the residuals of that, but for their median
-    over all folds and what the choice settled, such as a network's epochs.
+    over all folds.
     """
     few = distinct(recordings)
     if len(few) < FEW:
@@ -290,12 +290,11 @@ def cross_fit(
 ) -> list[Calibration]:
     """Fit as a calibration was fitted, without each of some folds of its recordings in turn.
 
-    Features are computed once for all fits. A fit keeps what the first one settled, such as the
-    epochs of a network. Intervals, checks and effort baselines are left out. Raises
-    CalibrationError if a fold leaves too few rows.
+    Features are computed once for all fits. Intervals, checks and effort baselines are left out.
+    Raises CalibrationError if a fold leaves too few rows.
     """
-    settled = fitted.model.settled()
-    task = FitTask.of(recordings, settled, fitted.feature_set, fitted.joints, fitted.target, None)
+    unfitted = fitted.model.with_params()
+    task = FitTask.of(recordings, unfitted, fitted.feature_set, fitted.joints, fitted.target, None)
     parts = task.rows(stride_of(fit_rate, task.dt))
     bare = replace(fitted, gap_limit=task.gap_limit, interval=None, effort_baseline=None)
     fits = []

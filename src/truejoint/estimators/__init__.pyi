@@ -20,7 +20,6 @@ from .plays.learn import Plays as Plays
 from .polynomial.learn import Polynomial as Polynomial
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
-from .stack.learn import Bounded as Bounded
 from .stack.learn import Stack as Stack
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor

@@ -190,10 +190,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         data = EstimatorData(self.family.name, self.model_params(), {**self.arrays_, **arrays})
         return self.from_data(data, int(self.n_features_in_), int(self.n_outputs_))
 
-    def settled(self) -> Self:
-        """Unfitted copy, in which what this one found while it was fitted is a parameter."""
-        return self.with_params()
-
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
         return max(self.least_rows, self.rows_per_feature * n_features)
@@ -231,10 +227,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         Raises CalibrationError when these cannot serve it.
         """
         return self.with_params()
-
-    def for_outputs(self, _outputs: Sequence[int]) -> Self:
-        """Unfitted copy for some of the outputs that it was made for, by their places."""
-        return self
 
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""

@@ -30,12 +30,12 @@ BESIDE_FILTER: Final = "rich_trees"  # and half of this are best
 
 
 class Preset(NamedTuple):
-    """A class with parameters, and how an automatic choice tries it."""
+    """A class with parameters, and whether an automatic choice tries it."""
 
     learns: str  # class, with its module below this package
     runs: str  # module below this package whose `FAMILY` runs it, or the one named behind a colon
     params: Mapping[str, Any] = {}  # all that tell the presets of a class from each other
-    tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
+    is_tried: bool = False
 
     @property
     def family(self) -> str:
@@ -49,28 +49,27 @@ class Preset(NamedTuple):
         return getattr(import_module(f"{__package__}.{module}"), name)
 
 
-_MANY: Final = 100_000  # rows, evenly spread, that what takes long is fitted to for a choice
 _PLAYS: Final = "plays.learn.Plays", "plays.run"
 _JAW_PLAYS: Final = "plays.learn.JawPlays", "plays.run:jaw_bank"
 _LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.run:least_squares"
 _POLYNOMIAL: Final = "polynomial.learn.Polynomial", "polynomial.run"
 
 PRESETS: Final[dict[str, Preset]] = {
-    OFFSET: Preset(*_POLYNOMIAL, {"degree": 0, "ridge": False}, {}),
-    "linear": Preset(*_POLYNOMIAL, {"degree": 1, "ridge": False}, {}),
+    OFFSET: Preset(*_POLYNOMIAL, {"degree": 0, "ridge": False}, True),
+    "linear": Preset(*_POLYNOMIAL, {"degree": 1, "ridge": False}, True),
     "poly2": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": False}),
     "dnn": Preset("network.learn.NeuralNetwork", "network.run"),
-    "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, {}),
+    "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, True),
     "linear_trees": Preset(
-        "stack.learn.Stack", "stack.run", {"members": (LINEAR, BOOSTED_TREES)}, {"rows": _MANY}
+        "stack.learn.Stack", "stack.run", {"members": (LINEAR, BOOSTED_TREES)}, True
     ),
-    "rich_play": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": False}, {}),
-    "rich_trees": Preset(*_PLAYS, {"learner": "trees", "couple": False, "turn": False}, {}),
-    "coupled_play": Preset(*_PLAYS, {"learner": "trees", "couple": True, "turn": False}, {}),
-    "run_out": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": True}, {}),
-    "gp": Preset("gp.learn.GaussianProcess", "gp.run", {}, {}),
+    "rich_play": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": False}, True),
+    "rich_trees": Preset(*_PLAYS, {"learner": "trees", "couple": False, "turn": False}, True),
+    "coupled_play": Preset(*_PLAYS, {"learner": "trees", "couple": True, "turn": False}, True),
+    "run_out": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": True}, True),
+    "gp": Preset("gp.learn.GaussianProcess", "gp.run", {}, True),
     "gp_lowpass": Preset(
-        *_PLAYS, {"learner": "gaussian_process", "couple": False, "turn": False}, {}
+        *_PLAYS, {"learner": "gaussian_process", "couple": False, "turn": False}, True
     ),
     "gru": Preset("network.learn.GRU", "network.run:gru"),
     "tcn": Preset("network.learn.TCN", "network.run:tcn"),
@@ -84,20 +83,18 @@ PRESETS: Final[dict[str, Preset]] = {
     "play_reset": Preset(*_JAW_PLAYS, {"signals": ("cable/reset",)}),
     "play_both": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw", "cable/reset")}),
     "play_cables": Preset(*_JAW_PLAYS, {"signals": ("cable/drive", "cable/reset")}),
-    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.run:gated", {}, {}),
+    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.run:gated", {}, True),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
-    "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, {}),
+    "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, True),
     "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
-    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows", {}, {}),
+    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows", {}, True),
 }
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
-FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {
-    "trees": "trees.run", "bounded": "stack.run:bounded"
-}  # fmt: skip
-"""Where each family is, by its name; these two are part of other estimators."""
+FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {"trees": "trees.run"}
+"""Where each family is, by its name; trees are part of other estimators."""
 
 TITLES: Final = {
     OFFSET: ("Fixed offset", "the fixed offset"),

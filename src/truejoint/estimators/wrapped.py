@@ -237,11 +237,7 @@ def candidates() -> list[JointRegressor]:
     >>> [estimator.name for estimator in candidates()][:2]
     ['offset', 'linear']
     """
-    return [
-        get_estimator(name).set_params(**preset.tried)
-        for name, preset in PRESETS.items()
-        if preset.tried is not None
-    ]
+    return [get_estimator(name) for name, preset in PRESETS.items() if preset.is_tried]
 
 
 def class_of(family: str) -> type[JointRegressor]:

@@ -17,7 +17,7 @@ from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import ExportError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.run import factors_of
-from truejoint.estimators.stack.run import members
+from truejoint.estimators.stack.run import columns_of, members
 from truejoint.export.export_c import Precision, check_precision, write_files
 from truejoint.extras import require
 from truejoint.files import check_ending
@@ -211,34 +211,33 @@ def _network(graph: _Graph, features: str, data: EstimatorData, _n_features: int
 
 
 def _combination(graph: _Graph, features: str, data: EstimatorData, n_features: int) -> str:
-    weights = data.arrays["weights"]
+    weights, columns = data.arrays["weights"], columns_of(data.params, n_features)
     n_outputs = 1 + max(max(outputs) for _, outputs in members(data.params, data.arrays))
     total = ""
-    for member, outputs in members(data.params, data.arrays):
+    for number, (member, outputs) in enumerate(members(data.params, data.arrays)):
         member_weights, weights = np.split(weights, [len(outputs)])
         spread = member_weights[:, None] * (np.array(outputs)[:, None] == np.arange(n_outputs))
-        predicted = graph.predict(features, member, n_features)
+        seen, beyond = features, ""
+        if data.params["columns"]:
+            start = sum(map(len, columns[:number]))
+            ranges = slice(start, start + len(columns[number]))
+            direct = data.arrays["direct"][number * n_features : (number + 1) * n_features]
+            seen = graph.columns(features, columns[number])
+            above = graph.node("Max", [seen, graph.constant(data.arrays["lower"][ranges])])
+            held = graph.node("Min", [above, graph.constant(data.arrays["upper"][ranges])])
+            slope = graph.constant(data.arrays["slope"][ranges][:, outputs])
+            line = graph.node("MatMul", [graph.node("Sub", [seen, held]), slope])
+            beside = graph.node("MatMul", [features, graph.constant(direct[:, outputs])])
+            seen, beyond = held, graph.node("Add", [line, beside])
+        predicted = graph.predict(seen, member, len(columns[number]))
+        predicted = graph.node("Add", [predicted, beyond]) if beyond else predicted
         weighted = graph.node("MatMul", [predicted, graph.constant(spread)])
         total = graph.node("Add", [total, weighted]) if total else weighted
     return total
-
-
-def _bounded(graph: _Graph, features: str, data: EstimatorData, _n_features: int) -> str:
-    ((member, _),) = members(data.params, data.arrays)
-    lower, upper, slope, direct = (
-        graph.constant(data.arrays[name]) for name in ("lower", "upper", "slope", "direct")
-    )
-    seen = graph.columns(features, data.params["columns"])
-    held = graph.node("Min", [graph.node("Max", [seen, lower]), upper])
-    beyond = graph.node("MatMul", [graph.node("Sub", [seen, held]), slope])
-    beside = graph.node("Add", [beyond, graph.node("MatMul", [features, direct])])
-    predicted = graph.predict(held, member, len(data.params["columns"]))
-    return graph.node("Add", [predicted, beside])
 
 
 _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]] = {
     "polynomial": _polynomial,
     "network": _network,
     "stack": _combination,
-    "bounded": _bounded,
 }

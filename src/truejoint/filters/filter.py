@@ -13,38 +13,10 @@ from truejoint.compiled import address, compiled, copy
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import call_step, unpack_filter
-from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
 from truejoint.filters.smoother import smooth
 from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
 from truejoint.layout import Memory, refuse_copy
-
-
-@dataclass(frozen=True)
-class Gate:
-    """Measurements that a filter refuses, and when it gives in.
-
-    Parameters
-    ----------
-    probability : float
-        A measurement is left out if its NIS exceeds this quantile of chi-square.
-    patience : int
-        Measurements left out in a row; the next one is used with an enlarged covariance, so that
-        a filter that is wrong finds back.
-
-    Examples
-    --------
-    >>> Gate(probability=0.99).patience
-    10
-    """
-
-    probability: float = 0.999
-    patience: int = 10
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.probability < 1.0:
-            raise FilterError(f"gate probability is {self.probability}: give one between 0 and 1")
-        if not 0 <= self.patience <= 10**9:
-            raise FilterError(f"gate patience is {self.patience}: give a number of measurements")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -165,14 +137,14 @@ class UnscentedFilter:
     ----------
     model : StateSpaceModel
         What is filtered.
-    sigma_points : ScaledSigmaPoints or LambdaSigmaPoints
+    sigma_points : ScaledSigmaPoints
         How far the points stand out and what they weigh.
-    second_generation : bool
-        Draw the points again from the predicted covariance before the measurement, equation (18).
-        If not, the propagated points go on, with further points for the process noise. On linear
-        models both give the Kalman filter.
-    gate : Gate or None
-        Which measurements to leave out; None uses all.
+    gate : float, optional
+        A measurement is left out if its NIS exceeds this quantile of chi-square; by default all are
+        used.
+    patience : int
+        Measurements left out in a row; the next one is used with an enlarged covariance, so that a
+        filter that is wrong finds back.
 
     Examples
     --------
@@ -183,19 +155,18 @@ class UnscentedFilter:
     """
 
     model: StateSpaceModel
-    sigma_points: ScaledSigmaPoints | LambdaSigmaPoints = field(default_factory=ScaledSigmaPoints)
-    second_generation: bool = True
-    gate: Gate | None = None
+    sigma_points: ScaledSigmaPoints = field(default_factory=ScaledSigmaPoints)
+    gate: float | None = None
+    patience: int = 10
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, StateSpaceModel):
             raise FilterError(f"model: give a StateSpaceModel, not {type(self.model).__name__}")
-        self.sigma_points.reach(self._directions)
-
-    @property
-    def _directions(self) -> int:
-        n = len(self.model.states)
-        return n if self.second_generation else 2 * n
+        if self.gate is not None and not 0.0 < self.gate < 1.0:
+            raise FilterError(f"gate is {self.gate}: give a probability between 0 and 1")
+        if not 0 <= self.patience <= 10**9:
+            raise FilterError(f"patience is {self.patience}: give a number of measurements")
+        self.sigma_points.reach(len(self.model.states))
 
     def initial_state(self, x0: npt.ArrayLike, P0: npt.ArrayLike) -> FilterState:
         """Filter at rest, ready to step; the step is compiled when this returns.
@@ -218,21 +189,20 @@ class UnscentedFilter:
         """Lay out the kernels' memory, for a prior that `initial_state` would take."""
         model, points = self.model, self.sigma_points
         n, m = len(model.states), len(model.measurements)
-        reach, correction = points.reach(self._directions), points.centre_correction
+        reach, correction = points.reach(n), points.centre_correction
         factor = covariance_factor(P0)
         functions = {name: getattr(model, name) for name in model.addresses}
         values: dict[str, Any] = {
             **model.addresses, "step": address(kernels.step, at.STEP),
-            "second_generation": self.second_generation, "theta": model.parameters,
-            "reach": reach, "root_weight": np.sqrt(0.5) / reach, "correction": correction,
-            "root_correction": np.sqrt(abs(correction)),
+            "theta": model.parameters, "reach": reach, "root_weight": np.sqrt(0.5) / reach,
+            "correction": correction, "root_correction": np.sqrt(abs(correction)),
             "u": np.zeros(len(model.inputs)), "z": np.full(m, np.nan),
             "sensor_factor": covariance_factor(np.asarray(model.measurement_noise)),
             "angles": [name in model.angles for name in (*model.states, *model.measurements)],
             "x": x0, "covariance": P0, "factor": factor,
             "x_prior": x0, "covariance_prior": P0, "factor_prior": factor,
             "lowest": model.bounds[0], "highest": model.bounds[1], "longest": model.longest_step,
-            "n_deviations": 4 * n, "n_rows": 5 * n + m + 1, "widest": max(n, m),
+            "n_deviations": 2 * n, "n_rows": 5 * n + m + 1, "widest": max(n, m),
             "n_limits": m + 1, "inflation": 1.0,
         }  # fmt: skip
         if not callable(model.process_noise):
@@ -240,8 +210,8 @@ class UnscentedFilter:
         if self.gate is not None:
             from scipy.stats import chi2  # noqa: PLC0415  # a control loop without a gate
 
-            values["patience"] = self.gate.patience
-            limits = chi2.ppf(self.gate.probability, np.arange(1, m + 1))
+            values["patience"] = self.patience
+            limits = chi2.ppf(self.gate, np.arange(1, m + 1))
             values["gate"] = np.append(0.0, limits)
         return at.LAYOUT.pack({**functions, "step": kernels.step}, **values)
 

@@ -60,10 +60,8 @@ def _believe(
 
 
 @inlined
-def _place_points(
-    numbers: Integers, memory: Array, factor: Array, scale: float, first: int
-) -> None:
-    """Deviations of 2 n sigma points from number `first` on, (15), (18), which are the last.
+def _place_points(numbers: Integers, memory: Array, factor: Array, scale: float) -> None:
+    """Deviations of 2 n sigma points, (15), (18).
 
     They stand plus and minus reach times the columns of a factor (n, n), times a scale.
     """
@@ -71,12 +69,11 @@ def _place_points(
     reach = scale * m.reach
     for j in range(n):
         # One row at a time: numba takes each computed index for possibly negative.
-        below, above = m.deviations[first + 2 * j], m.deviations[first + 2 * j + 1]
+        below, above = m.deviations[2 * j], m.deviations[2 * j + 1]
         for i in range(n):
             step = reach * factor[i, j]
             below[i] = -step
             above[i] = step
-    numbers[at.POINTS] = first + 2 * n
 
 
 @compiled
@@ -91,7 +88,7 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
     copy(image, m.centre, n)
     if not within_limit(m.centre, n, LIMIT):
         return False
-    for k in range(m.points):
+    for k in range(2 * n):
         for i in range(n):
             m.point[i] = m.x[i] + m.deviations[k, i]
             image[i] = np.nan
@@ -135,23 +132,20 @@ def predict(numbers: Integers, memory: Array) -> int:
         status = FilterStatus.INVALID_INPUT.value
     elif moving and numbers[at.G] != 0 and not _update_process_noise(numbers, memory):
         status = FilterStatus.TRANSITION_FAILED.value
-    _place_points(numbers, memory, m.factor, 1.0, 0)
+    _place_points(numbers, memory, m.factor, 1.0)
     if moving and status == 0 and not _propagate(numbers, memory):
         status = FilterStatus.TRANSITION_FAILED.value
-        _place_points(numbers, memory, m.factor, 1.0, 0)
+        _place_points(numbers, memory, m.factor, 1.0)
     if status != 0 or not moving:
         copy(m.x, m.centre, n)
     status |= _combine_prediction(numbers, memory, moving)
     covariance = vector(memory, numbers[at.P_MEAN], n * n)
     if not (within_limit(m.x_mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
         _believe(m.x, m.covariance, m.factor, m.x_mean, m.covariance_mean, m.factor_mean)
-        _place_points(numbers, memory, m.factor, 1.0, 0)
+        _place_points(numbers, memory, m.factor, 1.0)
         copy(m.x, m.centre, n)
         fill(m.shift, n, 0.0)
-        return status | FilterStatus.OUT_OF_RANGE.value
-    if numbers[at.SECOND] == 0:
-        # Points for the process noise too, so that the predicted measurement feels it.
-        _place_points(numbers, memory, m.noise_factor, 1.0 if moving else 0.0, 2 * n)
+        status |= FilterStatus.OUT_OF_RANGE.value
     return status
 
 
@@ -218,7 +212,7 @@ def _observe(numbers: Integers, memory: Array) -> bool:
         m.z_shift[c] = 0.0
     if not within_limit(m.z_mean, count, LIMIT):
         return False
-    for k in range(m.points):
+    for k in range(2 * n):
         for i in range(n):
             m.point[i] = m.centre[i] + m.deviations[k, i]
         fill(image, m.n_measurements, np.nan)
@@ -246,7 +240,7 @@ def _innovate(numbers: Integers, memory: Array) -> int:
     if not _observe(numbers, memory):
         return FilterStatus.MEASUREMENT_FAILED.value
     m = unpack_filter(numbers, memory)
-    count, points = m.observed, m.points
+    count, points = m.observed, 2 * m.n_states
     for k in range(points):
         for c in range(count):
             m.stack[k, c] = m.root_weight * m.z_deviations[k, c]
@@ -287,7 +281,7 @@ def _innovate(numbers: Integers, memory: Array) -> int:
 def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
     """Draw sigma points again from the predicted mean and covariance, (18)."""
     m, n = unpack_filter(numbers, memory), numbers[at.N]
-    _place_points(numbers, memory, m.factor_mean, scale, 0)
+    _place_points(numbers, memory, m.factor_mean, scale)
     copy(m.x_mean, m.centre, n)
     fill(m.shift, n, 0.0)
 
@@ -300,7 +294,7 @@ def _gain(numbers: Integers, memory: Array) -> None:
     for i in range(n):
         for c in range(count):
             total = 0.0
-            for k in range(m.points):
+            for k in range(2 * n):
                 total += m.deviations[k, i] * m.z_deviations[k, c]
             m.gain[i, c] = weight * total + m.correction * m.shift[i] * m.z_shift[c]
     solve_rows(matrix(memory, numbers[at.S_ZZ], count, count), count, m.gain, n)
@@ -315,7 +309,7 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
     (23), but it cannot turn indefinite.
     """
     m, n, count = unpack_filter(numbers, memory), numbers[at.N], numbers[at.OBSERVED]
-    x, gain, points = m.x, m.gain, m.points
+    x, gain, points = m.x, m.gain, 2 * n
     _gain(numbers, memory)
     for j in range(m.n_measurements):
         row = m.stack[points + j]
@@ -387,8 +381,7 @@ def correct(numbers: Integers, memory: Array) -> int:
     if status & FilterStatus.MISSING.value:
         _keep_prediction(numbers, memory)
         return status
-    if numbers[at.SECOND] == 1:
-        _second_generation(numbers, memory, 1.0)
+    _second_generation(numbers, memory, 1.0)
     status |= _innovate(numbers, memory)
     limit = m.gate[numbers[at.OBSERVED]]
     if (

@@ -32,6 +32,11 @@ class FilterError(TruejointError):
 class ScaledSigmaPoints:
     """Scaled unscented transform (Wan and van der Merwe, 2000).
 
+    With an `alpha` of 1 and a `beta` of 0 it is the plain form, where `kappa` is the ``lambda`` of
+    yan2020, (15) and (18): the centre weighs ``kappa / (L + kappa)`` in mean and covariance alike.
+    With ``kappa < 0`` a strongly curved model can make that covariance indefinite; the filter then
+    leaves the offending term out and says so in its status.
+
     Parameters
     ----------
     alpha : float
@@ -67,40 +72,3 @@ class ScaledSigmaPoints:
     def centre_correction(self) -> float:
         """Factor of mu mu' in the covariance: beta - alpha^2, not negative for alpha^2 <= beta."""
         return self.beta - self.alpha**2
-
-
-@dataclass(frozen=True)
-class LambdaSigmaPoints:
-    """The plain form with one setting lambda, reach sqrt(n + lambda) (yan2020, equations 15, 18).
-
-    The centre weighs lambda / (n + lambda) in mean and covariance alike. With lambda < 0 a strongly
-    curved model can make that covariance indefinite; the filter then leaves the offending term out
-    and says so in its status.
-
-    Parameters
-    ----------
-    lambda_ : float
-        lambda > -L for L dimensions.
-
-    Examples
-    --------
-    >>> round(float(LambdaSigmaPoints(-1.0).reach(4)), 6)
-    1.732051
-    """
-
-    lambda_: float
-
-    def __post_init__(self) -> None:
-        if not math.isfinite(self.lambda_):
-            raise FilterError(f"lambda is {self.lambda_}: give a finite number")
-
-    def reach(self, dimensions: int) -> float:
-        """Distance of the points from the mean in deviations, sqrt(L + lambda), L > -lambda."""
-        if not dimensions + self.lambda_ > 1e-8:
-            raise FilterError(f"lambda is {self.lambda_}: it must be above -{dimensions}")
-        return math.sqrt(dimensions + self.lambda_)
-
-    @property
-    def centre_correction(self) -> float:
-        """Factor of mu mu' in the covariance: -1, since both sets of weights sum to one."""
-        return -1.0

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, objmode
+from numba import njit
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
@@ -65,7 +65,7 @@ class StateSpaceModel:
 
     The functions fill `out` and are compiled with ``numba.njit(cache=True, error_model="numpy")``;
     the options keep them on disk and let a division by zero give infinity. Plain Python functions
-    do for a prototype, and warn: every call of theirs goes through the interpreter. The filter
+    do for a prototype, and warn: numba compiles them anew each time. The filter
     survives NaN and infinity with a status. An exception of a function counts as its failure too;
     of one that a compiled function calls, numba prints each, which takes milliseconds.
 
@@ -186,11 +186,17 @@ def _compile(
     if not callable(function):
         raise FilterError(f"{what}: {function!r} is no function; give one that fills `out`")
     trial = function.py_func if isinstance(function, Dispatcher) else function
+    if trial is function:
+        warnings.warn(
+            f"{what}: {getattr(function, '__name__', function)} is plain Python, which numba "
+            "compiles each time; decorate it with "
+            '@numba.njit(cache=True, error_model="numpy") when it works',
+            RuntimeWarning,
+            stacklevel=4,
+        )
+        function = njit(error_model="numpy")(function)
     try:
-        if trial is function:
-            called = _interpreted(function, len(signature.args), what)
-        else:
-            called = _quiet(function, len(signature.args)) if _may_raise(function) else function
+        called = _quiet(function, len(signature.args)) if _may_raise(function) else function
         place = address(called, signature)
     except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
         reason = " ".join(str(error).split())[:200]
@@ -237,33 +243,5 @@ def _quiet(function: Dispatcher, arguments: int) -> Any:
             function(x, u, dt, parameters, out)
         except Exception:  # noqa: BLE001
             out[:] = np.nan
-
-    return transition if arguments == len(TRANSITION.args) else measurement
-
-
-def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Any:
-    """Give a compiled function that calls a plain one, which writes NaN where it raises."""
-    warnings.warn(
-        f"{what}: {getattr(function, '__name__', function)} is plain Python, which is slow; "
-        'decorate it with @numba.njit(cache=True, error_model="numpy") when it works',
-        RuntimeWarning,
-        stacklevel=5,
-    )
-
-    def tried(*arguments: Any) -> None:
-        try:
-            function(*arguments)
-        except Exception:  # noqa: BLE001  # as of a compiled one
-            arguments[-1][:] = np.nan
-
-    @njit
-    def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
-        with objmode():
-            tried(x, u, parameters, out)
-
-    @njit
-    def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
-        with objmode():
-            tried(x, u, dt, parameters, out)
 
     return transition if arguments == len(TRANSITION.args) else measurement

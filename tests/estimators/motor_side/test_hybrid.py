@@ -1,4 +1,4 @@
-"""The filter of an elastic joint with trees: what they see, learn, and must not learn by heart."""
+"""The filter of an elastic joint with trees: what they see and learn."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.tree import DecisionTreeRegressor
 from tests.estimators.motor_side.test_motor_side import fit, recording, rows
 from tests.runtime.streams import OneByOne
 
@@ -17,7 +16,6 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import ElasticJointFilter, ElasticJointHybrid, Polynomial, Stack, registry
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.motor_side import run as elastic_joint
-from truejoint.estimators.motor_side.learn import zeros
 from truejoint.features.feature_set import time_steps
 from truejoint.runtime import Corrector
 
@@ -88,12 +86,6 @@ def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
     np.testing.assert_array_equal(told, fitted.estimate(X, dt).angle[:, 1])
 
 
-def test_trees_of_the_filter_do_not_smooth(fitted):
-    X, _, dt = rippled([20])
-    with pytest.raises(CalibrationError, match="smooth with ukf_elastic"):
-        fitted.estimate(X, dt, smoothed=True)
-
-
 def test_a_mean_tells_the_torque_of_its_member(fitted):
     recordings = [recording(seed) for seed in range(4)]
     members = ElasticJointHybrid(elements=ELEMENTS), Polynomial(1)
@@ -122,40 +114,3 @@ def test_a_model_sees_the_plays_that_it_was_fitted_to(fitted, monkeypatch):
     without = {n: v for n, v in fitted.model_params().items() if n != "plays"}
     with pytest.raises(CalibrationError, match=r"it needs .*'plays'"):
         ElasticJointHybrid.from_data(replace(fitted.data, params=without), 2, 1)
-
-
-def tagged(seed, n=20, length=150):
-    """Histories of a step in the first feature, each with a zero, told apart by the second."""
-    rng = np.random.default_rng(seed)
-    history = np.repeat(np.arange(n), length)
-    own, tag = rng.normal(0.0, 0.3, n), rng.uniform(0.0, 1.0, n)
-    x = rng.uniform(0.0, 1.0, n * length)
-    y = (x > 0.5) + own[history] + 0.05 * rng.standard_normal(len(x))
-    return np.column_stack([x, tag[history]]), y[:, None], history, own
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_zeros_are_not_learnt_by_heart(seed):
-    X, y, history, own = tagged(seed)
-    trees = DecisionTreeRegressor(min_samples_leaf=20, random_state=0)
-    found = zeros(trees, X, y, history)
-    by_history = found[:: len(X) // len(own), 0]
-    assert np.ptp(found.reshape(len(own), -1), axis=1) == pytest.approx(0.0)
-    assert np.corrcoef(by_history, own)[0, 1] > 0.5
-    other, truth, *_ = tagged(seed + 50)
-    by_heart, without = (
-        np.mean((trees.fit(X, targets).predict(other) - truth[:, 0]) ** 2)
-        for targets in (y, y - found)
-    )
-    assert without < by_heart
-
-
-def test_what_each_history_alone_shows_is_no_zero():
-    history = np.repeat(np.arange(8), 100)
-    x = np.random.default_rng(0).uniform(0.0, 1.0, 800)
-    X = np.column_stack([x, history])  # a load of its own
-    y = (x + 2.0 * history)[:, None]
-    trees = DecisionTreeRegressor(min_samples_leaf=5, random_state=0)
-    assert not zeros(trees, X, y, history).any()
-    few = history < 4
-    assert not zeros(trees, X[few], y[few], history[few]).any()

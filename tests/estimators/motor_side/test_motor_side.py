@@ -138,13 +138,6 @@ def test_what_it_states_of_its_errors_holds(fitted):
         assert 0.7 < np.sqrt(np.mean((error / deviation) ** 2)) < 1.3
 
 
-def test_the_smoother_is_more_accurate_than_the_filter(fitted):
-    X, _, steps, load = rows(range(80, 84))
-    filtered = fitted.estimate(X, steps).load - load
-    smoothed = fitted.estimate(X, steps, smoothed=True).load - load
-    assert np.sqrt(np.mean(smoothed**2)) < 0.9 * np.sqrt(np.mean(filtered**2))
-
-
 def test_rows_without_truth_are_seen_and_not_fitted_to(fitted):
     X, y, steps, _ = rows(range(5))
     rng = np.random.default_rng(0)

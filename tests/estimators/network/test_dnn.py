@@ -148,41 +148,6 @@ def test_seed_decides_the_network():
     assert predict(1).tobytes() != predict(2).tobytes()
 
 
-def test_training_stops_once_rows_left_out_get_no_better():
-    rng = np.random.default_rng(0)
-    X = rng.uniform(-1.0, 1.0, (400, 2))
-    y = np.sin(3.0 * X[:, 0]) + rng.normal(0.0, 0.1, 400)
-    usual = {"hidden_layer_sizes": (10,), "learning_rate": 0.02, "weight_decay": 0.0}
-    model = NeuralNetwork(epochs=0, **usual).fit(X, y)
-    assert 20 < model.epochs_ < 2000
-    assert model.model_params()["epochs"] == model.epochs_
-    assert model.settled().epochs == model.epochs_
-    same = NeuralNetwork(epochs=model.epochs_, **usual).fit(X, y)
-    np.testing.assert_array_equal(model.predict(X), same.predict(X))
-    short = NeuralNetwork(epochs=5, **usual).fit(X, y)
-    unseen = rng.uniform(-1.0, 1.0, (400, 2))
-    assert model.score(unseen, np.sin(3.0 * unseen[:, 0])) > 0.95
-    assert short.score(unseen, np.sin(3.0 * unseen[:, 0])) < 0.9
-
-
-def test_rows_beyond_the_most_are_left_out_evenly():
-    rng = np.random.default_rng(0)
-    X, y = rng.normal(size=(1000, 3)), rng.normal(size=1000)
-    usual = {"hidden_layer_sizes": (5,), "epochs": 3}
-    bounded = NeuralNetwork(rows=400, **usual).fit(X, y)
-    thinned = NeuralNetwork(**usual).fit(X[::3], y[::3])
-    assert bounded.predict(X).tobytes() == thinned.predict(X).tobytes()
-    assert bounded.settled().rows == 400
-    ample = NeuralNetwork(rows=1000, **usual).fit(X, y)
-    assert ample.predict(X).tobytes() == NeuralNetwork(**usual).fit(X, y).predict(X).tobytes()
-
-
-@pytest.mark.parametrize("rows", [0, 299, 400.0, True, "all"])
-def test_a_network_of_too_few_rows_is_refused(rows):
-    with pytest.raises(CalibrationError, match=r"parameter rows is .* an integer from 300"):
-        NeuralNetwork(rows=rows).check_params()
-
-
 def test_few_rows_get_smaller_batches():
     assert effective_batch(30_000, 1024) == 1024
     assert effective_batch(9_900, 1024) == 1024

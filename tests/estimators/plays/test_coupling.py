@@ -73,7 +73,6 @@ def test_other_features_are_not_coupled_and_count_all_the_same():
         ({"positions": (0, 3)}, 3, "positions .*; it must be of features 0 to 2"),
         ({"positions": (0, 0)}, 3, "coupled is .*; it must be no features, or 2 to 12"),
         ({"couple": "yes"}, 3, "couple is 'yes'; it must be one of False, True"),
-        ({"shares": ()}, 3, "shares is .*; it must be 1 to 32 shares of a half-width"),
     ],
 )
 def test_what_cannot_be_coupled_is_refused(how, joints, said):

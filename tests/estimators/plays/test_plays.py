@@ -10,7 +10,7 @@ from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import Plays, Polynomial
 from truejoint.estimators.plays import run as play_bank
-from truejoint.estimators.plays.learn import capstan_turns, loaded_pairs
+from truejoint.estimators.plays.learn import capstan_turns
 from truejoint.estimators.plays.run import expand_rows
 from truejoint.estimators.polynomial.learn import blocks
 from truejoint.features.feature_set import FeatureSet, time_steps
@@ -52,33 +52,17 @@ def test_the_model_sees_scaled_features_plays_and_low_passes():
     assert seen.shape == (int(kept.sum()), play_bank.n_seen(params, 2))
 
 
-def test_plays_grow_and_shrink_with_another_feature():
-    X, _ = slack(n=300)
-    dt = np.where(np.arange(300) % 200 == 0, 0.0, 0.02)
-    arrays = {"centre": np.zeros(2), "inverse_half_range": np.array([1.0, 0.5])}
-    own = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.1, 0.5)}
-    params = play_bank.BARE | own
-    seen = expand_rows(params, arrays, X, dt, np.ones(300, bool))
-    assert seen.shape == (300, 2 * 3 + 4)
-    for column, (way, width) in enumerate([(1, 0.1), (1, 0.5), (-1, 0.1), (-1, 0.5)]):
-        last = 0.0
-        for i, (x, load) in enumerate(X):
-            half = width * (0.1 + 0.9 * np.clip(0.5 + way * 0.25 * load, 0.0, 1.0))
-            last = x if dt[i] == 0.0 else min(max(last, x - half), x + half)
-            assert seen[i, 6 + column] == pytest.approx((last - x) / width, abs=1e-12)
-
-
 def test_of_capstans_the_angles_are_seen():
     X, _ = slack(n=50)
     turns = ((11.0, 0.0), (1.5, -9.0))
     arrays = {"centre": np.full(2, 0.3), "inverse_half_range": np.array([1.0, 0.5])}
-    own = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "turns": turns}
+    own = {"plays": (0.1,), "time_constants": (0.3,), "turns": turns}
     params = play_bank.BARE | own
     seen = expand_rows(params, arrays, X, np.full(50, 0.02), np.ones(50, bool))
     angles = X @ np.transpose(turns)
     expected = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(50, 4)
     np.testing.assert_allclose(seen[:, 6:10], expected, atol=1e-14)
-    assert seen.shape == (50, play_bank.n_seen(params, 2)) == (50, 6 + 4 + 2)
+    assert seen.shape == (50, play_bank.n_seen(params, 2)) == (50, 6 + 4)
 
 
 def test_capstans_turn_as_the_transmission_says():
@@ -106,7 +90,7 @@ def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
     fresh = np.zeros(500)
     left, without = (
         np.std(m.fit(rows, eccentric(rows)).predict(other, fresh) - eccentric(other))
-        for m in (model, Plays(leading=2))
+        for m in (model, Plays())
     )
     assert left < 0.3 * without  # the plays of which explain the zig-zag alone
 
@@ -124,44 +108,6 @@ def test_products_of_positions_that_turn_capstans_are_seen_behind_an_effort_too(
 def test_where_capstans_are_not_known_it_says_what_to_do(turns):
     with pytest.raises(CalibrationError, match="run_out must know how capstans turn; take a robot"):
         Plays(turn=True, turns=turns).fit(*slack())
-
-
-def test_positions_are_paired_with_their_efforts_or_those_of_cables():
-    jaws = ("measured/a", "effort/b", "measured/b", "effort/a", "play(measured/a, 0.1)")
-    assert loaded_pairs(jaws) == ((0, 3), (2, 1))
-    assert loaded_pairs(("measured/bend", "effort/w1", "current/w1", "effort/w2")) == (
-        (0, 1),
-        (0, 3),
-    )
-    assert loaded_pairs(("measured/a", "effort/a", "measured/b")) == ((0, 1),)
-    assert loaded_pairs([f"{kind}/{i}" for kind in ("measured", "effort") for i in range(33)]) == ()
-
-
-def test_growing_plays_know_a_loop_whose_width_grows_where_products_do_not():
-    """Of a play, unlike of a sign, the width cannot be had by a factor."""
-    rows = [slack(seed)[0] for seed in (0, 1)]
-    loops = []
-    for X in rows:
-        y, last = np.zeros(len(X)), 0.0
-        for i, (x, load) in enumerate(X):
-            half = 0.5 * (0.1 + 0.9 * (0.5 + 0.5 * load))
-            last = min(max(last, x - half), x + half)
-            y[i] = last
-        loops.append(y)
-    model = Plays(pairs=((0, 1),))
-    left, without = (
-        np.std(loops[1] - m.fit(rows[0], loops[0]).predict(rows[1])) for m in (model, Plays())
-    )
-    assert left < 0.7 * without
-    assert model.pairs_ == ((0, 1),)
-
-
-def test_growing_plays_that_tell_nothing_are_left_out():
-    (X, _), rng = slack(0), np.random.default_rng(0)
-    y = 0.2 * X[:, 0] + 0.05 * rng.normal(size=len(X))
-    model, plain = Plays(pairs=((0, 1),)).fit(X, y), Plays().fit(X, y)
-    assert model.pairs_ == ()
-    assert model.predict(X).tobytes() == plain.predict(X).tobytes()
 
 
 @pytest.mark.parametrize(("histories", "seen"), [(5, 1), (4, 4)])
@@ -228,13 +174,11 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
         ({"turns": ((1.0, 0.0),)}, "turns are given; they take turn=True as well"),
         ({"positions": (0, 1)}, "positions are given; they take couple=True as well"),
-        ({"shares": (0.5,)}, "shares are given; they take couple=True as well"),
         (
             {"couple": True, "positions": 2},
             "positions is 2; it must be places of features",
         ),
-        ({"pairs": ((0, 2),)}, "pairs .*; it must be of features 0 to 1"),
-        ({"pairs": 3}, "pairs is 3; it must be up to 32 pairs"),
+        ({"couple": True, "positions": (0, 2)}, "positions .*; it must be of features 0 to 1"),
     ],
 )
 def test_a_wrong_parameter_is_refused(how, said):
@@ -252,8 +196,6 @@ def test_a_gaussian_process_knows_which_way_the_joint_goes():
     assert model.name == "gp_lowpass"
     left = late[1500:] - model.predict(q[1500:], np.full(500, 0.02))
     assert np.std(left[50:]) < 0.1 * np.std(late)
-    with pytest.raises(CalibrationError, match="a Gaussian process has none"):
-        Plays(learner="gaussian_process", leading=1).fit(q, late)
 
 
 def test_too_few_rows_are_refused():
@@ -274,27 +216,3 @@ def test_a_model_for_some_outputs_alone_is_refused():
     params["members"] = tuple((*member[:2], (0,)) for member in params["members"])
     with pytest.raises(CalibrationError, match="its parameters and no outputs"):
         play_bank.FAMILY.check_params(params)
-
-
-def test_products_with_the_first_features_and_their_squares_alone():
-    rng = np.random.default_rng(3)
-    X = np.column_stack([np.sin(np.arange(2000) * r) for r in (0.011, 0.017)])
-    y = X[:, 1] * X[:, 0] ** 2 + 0.1 * rng.normal(size=len(X)) * 0.01
-    plain = Plays(leading=1).fit(X, y)
-    cubic = Plays(leading=1, squared=1).fit(X, y)
-    assert np.std(y - cubic.predict(X)) < 0.2 * np.std(y - plain.predict(X))
-    assert cubic.arrays_["0/coef"].shape[0] == 24 + 24 + 24  # all seen, by the first, by its square
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"leading": -1}, "leading is -1; it must be an integer from 0 to 600, or None"),
-        ({"squared": 1.5}, "squared is 1.5; it must be an integer from 0 to 600"),
-        ({"leading": 9, "squared": 9}, "make 1944 products of 108 features"),
-    ],
-)
-def test_products_that_cannot_be_are_refused(given, told):
-    X = np.random.default_rng(0).normal(size=(600, 9))
-    with pytest.raises(CalibrationError, match=told):
-        Plays(**given).fit(X, X[:, 0])

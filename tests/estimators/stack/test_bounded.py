@@ -13,20 +13,19 @@ from tests.runtime.registered import ready
 
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
-from truejoint.estimators import Bounded, ElasticJointFilter, Plays, Polynomial, Stack
+from truejoint.estimators import ElasticJointFilter, Plays, Polynomial, Stack
 from truejoint.estimators.family import EstimatorData
-from truejoint.estimators.stack.run import BOUNDED as FAMILY
+from truejoint.estimators.stack.run import FAMILY
 
 FEATURES = ("measured/jaw", "driver/jaw", "effort/jaw")
-FILTER = Bounded(ElasticJointFilter(elements=1), (1, 2))
-RICH = Bounded(Plays(rows=2000), (0, 2), (0,))
+MEMBERS = ElasticJointFilter(elements=1), Plays(rows=2000)
 
 
 @cache
 def mean() -> Calibration:
     """Half a filter at the motor's side, half plays on measured positions."""
     recordings = [grasper(seed) for seed in range(3)]
-    both = Stack((FILTER, RICH), ((0.5,), (0.5,)))
+    both = Stack(MEMBERS, ((0.5,), (0.5,)), sees=((1, 2), (0, 2)), beside=((), (0,)))
     return calibrate(recordings, both, features=FEATURES, target="position", fit_rate=20.0)
 
 
@@ -34,8 +33,8 @@ def mean() -> Calibration:
 def test_within_the_range_it_is_its_member_and_beyond_a_straight_line(member):
     X = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))
     y = 2.0 * X[:, 2] + X[:, 0] ** 2
-    bounded, alone = Bounded(member, (2, 0)).fit(X, y), None
-    alone = Bounded(member).fit(X[:, [2, 0]], y).member_
+    bounded = Stack((member,), sees=((2, 0),)).fit(X, y)
+    (alone,) = bounded.members_
     inside = 0.9 * X[:50]
     np.testing.assert_allclose(
         bounded.predict(inside), alone.predict(inside[:, [2, 0]]).ravel(), rtol=0, atol=1e-12
@@ -57,7 +56,7 @@ def test_a_filter_on_signals_of_its_own_and_others_stand_in_one_mean(tmp_path):
         calibrate(recordings, member, features=features, target="position", fit_rate=20.0)
         for member, features in (
             (ElasticJointFilter(elements=1), FEATURES[1:]),
-            (Bounded(Plays(rows=2000), None, (0,)), ("measured/jaw", "effort/jaw")),
+            (Stack(MEMBERS[1:], sees=((0, 1),), beside=((0,),)), ("measured/jaw", "effort/jaw")),
         )
     ]
     expected = np.mean([one.correct(unseen) for one in alone], axis=0)
@@ -90,11 +89,32 @@ def test_the_mean_is_printed_to_c_with_the_same_bits(tmp_path):
 
 
 @pytest.mark.parametrize(("columns", "said"), [
-    ((), "must be 1 to 1000 different places"), ((0, 0), "different places"),
+    ((), "1 to 1000 different places"), ((0, 0), "different places"),
     ((7,), "has place 7; there are 3 features"), ("x", "different places"),
 ])  # fmt: skip
 def test_wrong_places_are_refused(columns, said):
-    fitted = Bounded(Polynomial(1), (0,)).fit(np.arange(60.0).reshape(20, 3), np.arange(20.0))
-    params = {**fitted.model_params(), "columns": columns}
+    X, y = np.arange(60.0).reshape(20, 3), np.arange(20.0)
+    fitted = Stack((Polynomial(1),), sees=((0,),)).fit(X, y)
+    params = {**fitted.model_params(), "columns": (columns,)}
     with pytest.raises(CalibrationError, match=said):
-        FAMILY.check(EstimatorData("bounded", params, fitted.arrays_), 3, 1)
+        FAMILY.check(EstimatorData("stack", params, fitted.arrays_), 3, 1)
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ({"sees": ((0,),)}, "for other members than its 2"),
+    ({"beside": ((), ())}, "for other members than its 2"),
+    ({"sees": ((0,), (3,)), "weights": ((0.5,), (0.5,))}, "has place 3; there are 3 features"),
+    ({"sees": ((0,), (1,))}, "takes weights"), ({"sees": (0, 1)}, "different places"),
+])  # fmt: skip
+def test_what_members_cannot_see_is_refused(given, said):
+    with pytest.raises(CalibrationError, match=said):
+        Stack(("linear", "poly2"), **given).fit(np.eye(3)[[0, 1, 2] * 9], np.arange(27.0))
+
+
+def test_what_only_works_offline_stands_alone_and_is_kept_in_no_file():
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (60, 2))
+    alone = Stack((SVR(),), sees=((0, 1),)).fit(X, X[:, 0])
+    with pytest.raises(CalibrationError, match=r"SVR is run by scikit-learn .* model file cannot"):
+        _ = alone.data
+    with pytest.raises(CalibrationError, match="cannot run in a loop"):
+        Stack((SVR(), "linear"), ((0.5,), (0.5,)), sees=((0,), (0, 1))).fit(X, X[:, 0])

@@ -52,7 +52,7 @@ def data(members, weights=(1.0,)) -> EstimatorData:
     k = np.zeros(2)
     own = {"mean": k, "inverse_scale": k, "coef": np.zeros((0, 1)), "intercept": np.zeros(1)}
     arrays = {"weights": np.array(weights), **{f"0/{name}": a for name, a in own.items()}}
-    return EstimatorData("stack", {"members": members}, arrays)
+    return EstimatorData("stack", {"members": members, "columns": ()}, arrays)
 
 
 def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
@@ -64,10 +64,6 @@ def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
     np.testing.assert_allclose(found[:, 1], expected[:, 1], rtol=0, atol=5e-3)
     families = [family for family, *_ in model().model.model_params()["members"]]
     assert families == ["polynomial", "network", "network.gru", "stack"]
-    again = model().model.settled()
-    assert [one.name for one in again.members] == ["linear", "dnn", "gru", "stack"]
-    assert again.weights == tuple(row for row in WEIGHTS if any(row))
-    assert len(Stack(EVERY_KIND, WEIGHTS).settled().members) == len(EVERY_KIND)
 
 
 def test_it_steps_and_is_read_back_with_the_same_bits(tmp_path):
@@ -107,18 +103,6 @@ def test_without_weights_each_member_is_fitted_to_what_is_left():
     linear = Polynomial(1).fit(X, y)
     assert np.abs(steps.predict(X) - y).max() < 0.3 < np.abs(linear.predict(X) - y).max()
     np.testing.assert_array_equal(steps.members_[0].predict(X).ravel(), linear.predict(X))
-
-
-def test_members_without_a_memory_are_fitted_to_so_many_rows_at_most():
-    X = np.linspace(-1.0, 1.0, 400)[:, None]
-    y = np.where(np.arange(400) % 4 == 0, 2.0 * X[:, 0], 7.0)  # every fourth row is on a line
-    model = Stack((Polynomial(1),), rows=133).fit(X, y)  # every third would be more
-    np.testing.assert_allclose(model.predict(X), 2.0 * X[:, 0], atol=1e-12)
-    settled = Stack(rows=100).fit(X, y).settled()
-    assert (settled.rows, settled.name) == (100, "linear_trees")
-    assert np.abs(Stack((Polynomial(1),), rows=400).fit(X, y).predict(X) - y).min() > 0.1
-    with pytest.raises(CalibrationError, match="parameter rows is 0; it must be an integer"):
-        Stack(rows=0).fit(X, y)
 
 
 def test_what_has_no_memory_is_fitted_as_it_is_alone():
@@ -200,12 +184,12 @@ def test_other_members_make_another_family_of_it():
 
 def test_names_stay_where_nothing_else_is_known_of_their_members():
     names = ("measured/jaw", "effort/jaw")
-    plain, paired = get_estimator("linear_trees"), Stack(("ukf_elastic", "rich_trees"))
+    plain, paired = get_estimator("linear_trees"), Stack(("ukf_elastic", "coupled_play"))
     robot = get_robot("davinci_grasper")
     assert plain.for_features(names, robot, ("jaw",)).members == plain.members
     told = paired.for_features(names, robot, ("jaw",))
     assert told.name == "stack"
-    assert told.members[1].pairs == ((0, 1),)
+    assert told.members[1].positions == (0,)
 
 
 def test_what_a_physical_filter_leaves_is_learnt_from_its_features():

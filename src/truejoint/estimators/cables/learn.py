@@ -41,11 +41,8 @@ _ROUNDS: Final = 25  # of the search, at most
 WRIST_PLAYS: Final = Plays(
     plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
     time_constants=(0.02, 0.1),
-    leading=1,
-    squared=1,
-    pairs=(),
 )
-"""Plays of a wrist's signals, pitch first, by which the loops of all cables grow and shrink.
+"""Plays of a wrist's signals.
 
 Half-widths in half ranges: 0.1 deg and up of 55 deg of pitch, a few mNm and up of an effort.
 Low-passes tell speed, for the motors' viscous friction, and take noise off the efforts.

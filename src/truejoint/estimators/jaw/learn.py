@@ -218,8 +218,6 @@ class JawFilter(MechanismEstimator):
         Time for which that friction counts as one draw [s].
     displacement_noise, speed_noise : float
         Standard deviations of what is measured [m], [m/s].
-    lambda_ : float
-        ``lambda`` of (15), above -4.
     gear_ratio, spring_stiffness, wheel_radius, jaw_radius : float
         As for `MechanismEstimator`.
 
@@ -240,7 +238,6 @@ class JawFilter(MechanismEstimator):
     correlation_time: float = 5e-3
     displacement_noise: float = 4e-7
     speed_noise: float = 1e-4
-    lambda_: float = -1.0
 
     def states(self, X: Array, dt: Array) -> FilterRun:
         """Run the bare filter, (23) without any compensation, over rows `X` (n, 2) of histories.

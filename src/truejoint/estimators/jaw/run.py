@@ -12,7 +12,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
-from truejoint.estimators.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
+from truejoint.estimators.family import POSITIVE, Family, Params, Shape, one_of, only_joint
 from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
 from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
@@ -24,7 +24,7 @@ from truejoint.estimators.jaw.signals import (
     bounded_error,
 )
 from truejoint.estimators.products import weighted
-from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
+from truejoint.filters import ScaledSigmaPoints, StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
@@ -118,6 +118,10 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row, 2 * column + 1] += shape * mixed
                     out[2 * column + 1, 2 * row] += shape * mixed
                     out[2 * row + 1, 2 * column + 1] += shape * speed
+
+
+LAMBDA: Final = -1.0
+"""``lambda`` of (15), which changes nothing: (12) is linear."""
 
 
 class ForcepsModel(SimpleNamespace):
@@ -229,7 +233,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     model = ForcepsModel(**params)
-    unscented = UnscentedFilter(model.state_space(), LambdaSigmaPoints(params["lambda_"]))
+    unscented = UnscentedFilter(model.state_space(), ScaledSigmaPoints(1.0, 0.0, LAMBDA))
     return pack_filter(
         LAYOUT,
         take_inputs=take_inputs,
@@ -251,7 +255,6 @@ FAMILY: Final = Family(
         **dict.fromkeys(("jaw_friction", "slider_friction", "correlation_time"), POSITIVE),
         **dict.fromkeys(("displacement_noise", "speed_noise"), POSITIVE),
         **MECHANISM_RULES,
-        "lambda_": number(-4.0 + 1e-6, 1e6),
         "compensated": one_of(False, True),
     },
     shapes=_shapes,

@@ -6,12 +6,11 @@ There is one with boosted trees that learn what it leaves, too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
-from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
@@ -23,10 +22,9 @@ from truejoint.estimators.jaw import learn as jaw
 from truejoint.estimators.motor_side import run as model
 from truejoint.estimators.plays.learn import feature_scales
 from truejoint.estimators.plays.run import follow_rows
-from truejoint.estimators.polynomial.learn import BLOCKS, blocks, cross_validated, levels, ridge
-from truejoint.estimators.trees.learn import TreeSum, added, tree_sum, trees_data
+from truejoint.estimators.polynomial.learn import blocks, cross_validated, levels, ridge
+from truejoint.estimators.trees.learn import TreeSum, tree_sum, trees_data
 from truejoint.estimators.trees.run import FAMILY as TREES
-from truejoint.estimators.wrapped import Regressor
 
 LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque
 SETTLED: Final = 0.5  # travel after which friction has forgotten how it began, in half ranges
@@ -42,9 +40,7 @@ _PLAYS: Final[Params] = {
 }
 """What the trees see of the signals, driver and torque."""
 _TREE_ROWS: Final = 40_000  # that the trees are fitted to, at most
-_JUDGED: Final = 10_000  # by which zeros are found, at most
-_BELIEVED: Final = 0.8  # share of a zero that others' trees leave
-_ASKED: Final = 0.15  # share of what is seen that a split of the torque's trees may ask for
+_ASKED: Final = 0.15  # share of what is seen that a split of the trees may ask for
 _FILTERED: Final = 0.6  # share of the fit's time that the filter takes
 
 
@@ -153,23 +149,14 @@ class ElasticJointFilter(JointRegressor):
         turns = sum(jaw.reversals(X[rows, 0]) for rows in histories(dt))
         jaw.check_reversals(self.name, "driver", turns)
 
-    def estimate(
-        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
-    ) -> Estimate:
+    def estimate(self, X: Array, dt: ArrayLike | None = None) -> Estimate:
         """Angle, torque and load, with their deviations, of rows `X` (n, 2) in the order of time.
 
         The load is the torque that would hold the jaw in the middle without friction. `dt` (n,) is
-        as for `fit`; `smoothed` uses later rows as well, which no controller can. Raises
-        CalibrationError where trees are to be `smoothed`: they know what the filter leaves, and on
-        smoothed states they err more than on its own.
+        as for `fit`.
         """
-        if smoothed and "model" in self.fitted_params:
-            raise CalibrationError(
-                f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
-                f"{ElasticJointFilter().name}, or take smoothed=False"
-            )
-        steps, elements = self.time_steps(dt, len(X)), int(self.elements)
-        run = run_filter(self.data, X, steps, smoothed=smoothed)
+        elements = int(self.elements)
+        run = run_filter(self.data, X, self.time_steps(dt, len(X)))
         scale = float(self.arrays_["scales"][2])
         variance = np.maximum(run.P[:, elements, elements], 0.0)
         return Estimate(
@@ -358,14 +345,11 @@ def _memory(residual: Array, travel: Array) -> float:
 class ElasticJointHybrid(ElasticJointFilter):
     """`ElasticJointFilter`, and boosted trees that learn what it leaves.
 
-    The mean of two sets of trees. Those of one see plays and low-passes of driver and torque. Each
-    recording has a zero that no signal shows, and these trees would learn it by heart, by the load
-    and speed that a recording has and no other; what they are fitted to is therefore less the
-    `zeros` of the histories. Those of the other see what the filter estimates besides, its friction
-    and load included. The jaw's torque, where it is learnt, has one set, which sees as much; each
-    split may ask for a few features alone, drawn at random, as in a random forest (Breiman, Machine
-    Learning 45, 2001), since the load by itself would tell the recordings apart. What it needs is
-    what the filter needs; loads, and all deviations that `estimate` gives, are the filter's own.
+    They see plays and low-passes of driver and torque, and what the filter estimates besides, its
+    friction and load included. Each split may ask for a few of these alone, drawn at random, as in
+    a random forest (Breiman, Machine Learning 45, 2001), since the load by itself would tell the
+    recordings apart. What it needs is what the filter needs; loads, and all deviations that
+    `estimate` gives, are the filter's own.
 
     Examples
     --------
@@ -383,67 +367,17 @@ class ElasticJointHybrid(ElasticJointFilter):
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
         with_truth = np.flatnonzero(self._known(y))
-        chosen = np.zeros(len(X), dtype=bool)
-        chosen[with_truth[:: -(-len(with_truth) // _TREE_ROWS)]] = True
+        chosen = with_truth[:: -(-len(with_truth) // _TREE_ROWS)]
         filtered |= feature_scales(X[with_truth])
-        data = EstimatorData(self.family.name, self.model_params(), filtered)
-        run = run_filter(data, X, dt)
-        inputs, outputs = run.sighted[chosen], np.hstack([run.outputs, run.beside[:, 0]])[chosen]
-        residual, history = self._targets(y, dt)[chosen] - outputs, np.cumsum(dt == 0.0)[chosen]
-        unfitted = registry.member("boosted_trees")
-        plays = inputs[:, : -run.x.shape[1] - 1]
-        zero = zeros(unfitted, plays, residual[:, :1], history)[:, 0]
-        both = ((plays, residual[:, 0] - zero), (inputs, residual[:, 0]))
-        sums = [added([_fitted(unfitted, *pair).rescaled(0.0, 0.5) for pair in both])]
-        progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
-        unfitted.set_params(max_features=_ASKED)
-        for torque in residual.T[1:]:
-            rows = np.isfinite(torque)
-            sums.append(_fitted(unfitted, inputs[rows], torque[rows]))
+        run = run_filter(EstimatorData(self.family.name, self.model_params(), filtered), X, dt)
+        inputs, told = run.sighted[chosen], np.hstack([run.outputs, run.beside[:, 0]])[chosen]
+        sums: list[TreeSum] = []
+        for residual in (self._targets(y, dt)[chosen] - told).T:
+            rows = np.isfinite(residual)
+            unfitted = registry.member(registry.BOOSTED_TREES).set_params(max_features=_ASKED)
+            fitted = tree_sum(unfitted.fit(inputs[rows], residual[rows]))
+            sums.append(cast("TreeSum", fitted))
         progress(1.0)
         trees = trees_data(sums, np.zeros(inputs.shape[1]), np.ones(inputs.shape[1]))
         self.fitted_params_ |= {"model": (TREES.name, trees.params, ())}
         return joined(filtered, trees.arrays)
-
-
-def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:
-    """Trees of a clone that is fitted to rows `X` (n, k) and targets `y` (n,)."""
-    trees = tree_sum(clone(unfitted).fit(X, y))
-    assert trees is not None  # noqa: S101  # boosted trees are one
-    return trees
-
-
-def zeros(model: Regressor, X: Array, y: Array, history: Integers) -> Array:
-    """Zeros (n, n_outputs) of the histories of rows, which a model should not learn by heart.
-
-    Of features `X` (n, k), targets `y` (n, n_outputs) and the number of each row's `history` (n,):
-    four fifths of the mean of what clones of the model leave that are fitted to other histories, as
-    the random intercepts of a mixed-effects forest (Hajjem, Bellavance and Larocque, Journal of
-    Statistical Computation and Simulation 84, 2014), found once. They are 0 for an output whose
-    errors on other histories are not less without them, as where each history is alone under its
-    load, and where there are fewer than five.
-    """
-    some = slice(None, None, -(-len(y) // _JUDGED))
-    names, place = np.unique(history[some], return_inverse=True)
-    zero_of = np.zeros((int(history.max()) + 1, y.shape[1]))
-    if len(names) < BLOCKS:
-        return zero_of[history]
-    X, y = X[some], y[some]
-    part = (np.random.default_rng(0).permutation(len(names)) % BLOCKS)[place]
-    residual = y - _by_others(model, X, y, part)
-    sums = np.column_stack([np.bincount(place, column) for column in residual.T])
-    zero = _BELIEVED * sums / np.bincount(place)[:, None]
-    without = y - _by_others(model, X, y - zero[place], part)
-    pays = np.mean(without**2, axis=0) < np.mean(residual**2, axis=0)
-    zero_of[names] = np.where(pays, zero, 0.0)
-    return zero_of[history]
-
-
-def _by_others(model: Regressor, X: Array, y: Array, part: Integers) -> Array:
-    """Predict (n, n_outputs) each part of the rows by clones that are fitted to the others."""
-    out = np.empty_like(y)
-    for number in range(BLOCKS):
-        rows = part == number
-        for j in range(y.shape[1]):
-            out[rows, j] = clone(model).fit(X[~rows], y[~rows, j]).predict(X[rows])
-    return out

@@ -20,7 +20,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
-from truejoint.estimators.family import Family, Params, Rule, integer, optional
+from truejoint.estimators.family import Family
 from truejoint.estimators.network import run as network
 from truejoint.estimators.network.run import is_update
 from truejoint.extras import require
@@ -28,10 +28,6 @@ from truejoint.extras import require
 MINIMUM_ROWS: Final = 300  # ten seconds at 30 Hz; fewer hold half a motion
 BATCHES_PER_EPOCH: Final = 8  # at least: where rows are few, batches shrink to keep their number
 SMALLEST_BATCH: Final = 32
-BLOCKS: Final = 10  # that the rows are cut into, to see when training has converged
-LEFT_OUT: Final = (2, 7)  # which of them training does not see meanwhile
-LONGEST: Final = 30_000  # steps of Adam until convergence, at most
-PATIENCE: Final = 4_000  # steps without a better loss that are always waited for
 FIRST_DECAY: Final = 0.9  # of Adam, as the next
 SECOND_DECAY: Final = 0.999
 EPSILON: Final = 1e-7  # the default of Keras, which the paper does not state
@@ -62,13 +58,9 @@ class NeuralNetwork(JointRegressor):
         Rows of a batch. Where there are fewer rows than eight such batches, a batch is an eighth of
         the rows, yet at least 32, so that few rows still get 1600 steps in 200 epochs.
     epochs : int
-        Passes over the rows. 0: until convergence. Two tenths of the rows, each on end, are then
-        left out until their loss has not fallen for half as many steps of Adam as it took, and
-        4000, at most 30,000 in all; the network is fitted anew to all rows for the best epochs.
+        Passes over the rows.
     random_state : int, RandomState or None
         Seeds the start and the order of the rows; None differs every time.
-    rows : int, optional
-        Most rows that it is fitted to, evenly spread; by default all.
 
     Attributes
     ----------
@@ -76,8 +68,6 @@ class NeuralNetwork(JointRegressor):
     bias_0_, bias_1_, ... : ndarray, shape (units,)
     batch_size_ : int
         Batch that training used.
-    epochs_ : int
-        Epochs that it took.
     loss_curve_ : list of float
         Mean loss over the batches of each epoch, in standardised units.
 
@@ -92,7 +82,6 @@ class NeuralNetwork(JointRegressor):
     family: ClassVar[Family] = network.FAMILY
     least_rows: ClassVar[int] = MINIMUM_ROWS
     rows_per_feature: ClassVar[int] = 10
-    training: ClassVar[Mapping[str, Rule]] = {"rows": optional(integer(MINIMUM_ROWS, 10**9))}
     partial: ClassVar[bool] = True
     hidden_layer_sizes: tuple[int, ...] = (100, 100)
     weight_decay: float = 5e-4
@@ -100,38 +89,16 @@ class NeuralNetwork(JointRegressor):
     batch_size: int = 1024
     epochs: int = 200
     random_state: int | np.random.RandomState | None = 0
-    rows: int | None = None
-
-    def model_params(self) -> Params:
-        """Parameters as the family knows them: once fitted, with the epochs that it took."""
-        epochs = self.epochs or vars(self).get("epochs_", 0)
-        return {**super().model_params(), "epochs": epochs}
-
-    def settled(self) -> Self:
-        """Unfitted network that takes the epochs which this one took.
-
-        In an automatic choice that is the one without the first part: for the median over all
-        parts, each would need a search of its own, which trains the network a second time.
-        """
-        return self.with_params(**self.model_params())
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        if self.rows is not None:
-            spread = slice(None, None, -(-len(X) // int(self.rows)))
-            X, y = X[spread], y[spread]
         arrays = scaling(X, y)
         rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
         targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
-
-        def start() -> tuple[Layers, np.random.RandomState]:
-            rng = check_random_state(self.random_state)
-            return Layers(sizes).drawn(rng), rng
-
-        self.epochs_ = int(self.epochs) or self._converged(rows, targets, *start(), progress)
-        layers, rng = start()
-        for epoch in self.train(layers, rows, targets, self.epochs_, rng):
-            progress((epoch + 1) / self.epochs_)
+        rng, epochs = check_random_state(self.random_state), int(self.epochs)
+        layers = Layers(sizes).drawn(rng)
+        for epoch in self.train(layers, rows, targets, epochs, rng):
+            progress((epoch + 1) / epochs)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
             arrays |= {f"weight_{i}": weight.astype(float), f"bias_{i}": bias.astype(float)}
         return arrays
@@ -159,25 +126,6 @@ class NeuralNetwork(JointRegressor):
                 adam_step(layers.flat, gradient.flat, moments, n_steps, rate)
             add_loss(self.loss_curve_, losses, epochs, rate)
             yield epoch
-
-    def _converged(
-        self, X: Floats, y: Floats, layers: Layers, rng: np.random.RandomState, progress: Progress
-    ) -> int:
-        """Epochs after which the loss of the rows left out was least."""
-        unseen = np.isin(np.arange(len(X)) * BLOCKS // len(X), LEFT_OUT)
-        per_epoch = -(-int((~unseen).sum()) // effective_batch(len(X), int(self.batch_size)))
-        longest, patience = LONGEST // per_epoch + 1, PATIENCE // per_epoch + 1
-        least, best = math.inf, 1
-        for epoch in self.train(layers, X[~unseen], y[~unseen], longest, rng):
-            delta = forward(layers, X[unseen])[-1] - y[unseen]
-            delta[np.isnan(y[unseen])] = 0.0
-            loss = float(np.vdot(delta, delta))
-            if loss < least:
-                least, best = loss, epoch + 1
-            if epoch + 1 >= best + max(patience, best // 2):
-                break
-            progress(0.0)
-        return best
 
 
 def effective_batch(n_rows: int, batch_size: int) -> int:

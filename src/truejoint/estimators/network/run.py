@@ -145,7 +145,7 @@ FAMILY: Final = Family(
         "weight_decay": number(0.0, 1e3),
         "learning_rate": number(1e-9, 10.0),
         "batch_size": integer(1, 10**6),
-        "epochs": integer(0, 10**6),
+        "epochs": integer(1, 10**6),
         "random_state": RANDOM_STATE,
     },
     shapes=_shapes,

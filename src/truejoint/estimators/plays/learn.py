@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
@@ -61,7 +60,6 @@ _NARROW: Final = 4
 """Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
 of one speed just as well, and something else of any other motion."""
 _IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
-_GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
 
 
 @dataclass(eq=False, repr=False)
@@ -70,9 +68,9 @@ class Plays(JointRegressor):
 
     Half-widths are shares of half the range that a feature has in training, so nothing is to be
     chosen for a robot or a unit. A ridge regression on the features, plays and low-passes, and on
-    their products with the features (the width of a loop grows with load), is learnt first.
-    `calibrate` adds plays of measured positions whose widths grow with efforts (friction grows with
-    the tension of a cable). Where joints are coupled, plays of all their positions together stand
+    their products with the features (the width of a loop grows with load), is learnt first; where
+    these would be more than 600, only features are multiplied by features.
+    Where joints are coupled, plays of all their positions together stand
     in place of the plays of each feature: the cables of one joint pull at the others, as in a
     wrist. Stiffness and friction are found first, see
     `truejoint.estimators.plays.learn.identify_coupling`. Where capstans turn, what errs once in
@@ -87,8 +85,6 @@ class Plays(JointRegressor):
     positions : sequence of int, optional
         Places of the features that are positions of such joints, 2 to 12; by default the measured
         positions, or all where features have no names.
-    shares : sequence of float
-        Of friction that such plays have, in place of one play with all of it.
     turn : bool
         Whether the angles of capstans are seen.
     turns : sequence of sequence of float, optional
@@ -103,19 +99,6 @@ class Plays(JointRegressor):
         capstans turn.
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
-    leading : int, optional
-        By how many of the features, the first ones, everything is multiplied; by default the
-        `squared`, or, without, all if that makes few enough products, else only features by
-        features. Where capstans turn, up to the last feature that turns one, by each other.
-    squared : int
-        By the squares of how many of them, the first ones, everything is multiplied too.
-    pairs : sequence of (int, int), optional
-        Places of a feature, and of one that the widths of its further plays grow with, or shrink;
-        by default, each measured position with the effort of its joint, or with those of cables;
-        for a Gaussian process, or where capstans turn, none. They are left out unless the ridge
-        regression errs by a twentieth less with them, on blocks of rows that are left out in turn.
-    growing : sequence of float
-        Largest half-widths of these plays, in half ranges of the feature.
     random_state : int, optional
         Seed of the trees; their own by default.
 
@@ -123,8 +106,6 @@ class Plays(JointRegressor):
     ----------
     model_ : JointRegressor
         Fitted to what it sees.
-    pairs_ : sequence of (int, int)
-        Those of `pairs` that were not left out: all or none.
     coupled_ : sequence of int
         Places of the features that are coupled; none unless asked for.
 
@@ -143,29 +124,21 @@ class Plays(JointRegressor):
             Rule(lambda value: isinstance(value, tuple | list), "places of features")
         ),
         "rows": integer(1, 10**9),
-        "leading": optional(integer(0, MOST_PRODUCTS)),
-        "squared": integer(0, MOST_PRODUCTS),
         "random_state": RANDOM_STATE,
     }
     learner: str = "ridge"
     couple: bool = False
     positions: tuple[int, ...] | None = None
-    shares: tuple[float, ...] = (0.3, 1.0, 2.0)
     turn: bool = False
     turns: tuple[tuple[float, ...], ...] | None = None
     plays: tuple[float, ...] | None = None
     time_constants: tuple[float, ...] | None = None
     rows: int = 40_000
-    leading: int | None = None
-    squared: int = 0
-    pairs: tuple[tuple[int, int], ...] | None = None
-    growing: tuple[float, ...] = (0.05, 0.2, 0.6)
     random_state: int | None = None
 
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
-        """Unfitted copy whose pairs, positions and turns are those of the features called so."""
-        usual = () if self.turn or self.learner == "gaussian_process" else loaded_pairs(names)
-        changed: dict[str, Any] = {"pairs": usual if self.pairs is None else self.pairs}
+        """Unfitted copy whose positions and turns are those of the features called so."""
+        changed: dict[str, Any] = {}
         if self.couple and self.positions is None:
             changed["positions"] = tuple(_places(names, "measured/").values())
         if self.turn and self.turns is None:
@@ -173,21 +146,15 @@ class Plays(JointRegressor):
         return self.with_params(**changed)
 
     def minimum_rows(self, n_features: int) -> int:
-        """As many as what sees the plays needs; those that grow are left out where they harm."""
-        n_inputs = play_bank.n_seen(self._asked(n_features), n_features, growing=False)
+        """As many as what sees the plays needs."""
+        n_inputs = play_bank.n_seen(self._asked(n_features), n_features)
         return max(self.least_rows, Polynomial(ridge=True).minimum_rows(n_inputs))
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
         check_rules(self.name, self.training, self.get_params(deep=False))
-        if self.learner == "gaussian_process" and (self.leading is not None or self.squared):
-            raise CalibrationError(
-                "leading and squared are of products, and a Gaussian process has none: leave them "
-                "out"
-            )
-        for name, wanted in (("positions", "couple"), ("shares", "couple"), ("turns", "turn")):
-            value = getattr(self, name)
-            if value and value != getattr(Plays, name) and not getattr(self, wanted):
+        for name, wanted in (("positions", "couple"), ("turns", "turn")):
+            if getattr(self, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
         self.family.check_params(self._asked(0))
 
@@ -206,10 +173,7 @@ class Plays(JointRegressor):
         return {
             "plays": plays if self.plays is None else self.plays,
             "time_constants": times if self.time_constants is None else self.time_constants,
-            "growing": self.growing,
-            "pairs": () if self.pairs is None else self.pairs,
             "coupled": coupled if self.couple else (),
-            "shares": self.shares,
             "turns": self.turns or () if self.turn else (),
             "members": ((POLYNOMIAL.name, of_degree(0), ()),),
             **{name: getattr(self, name) for name in ("learner", "couple", "turn")},
@@ -220,7 +184,7 @@ class Plays(JointRegressor):
         """Make one of these parameters; the model among them is to be run only."""
         usual = {name: params[name] for name in params if name not in ("members", "coupled")}
         made = cls(positions=params["coupled"] or None, **usual)
-        for name in ("pairs", "coupled", "members"):
+        for name in ("coupled", "members"):
             setattr(made, f"{name}_", params[name])
         return made
 
@@ -250,18 +214,15 @@ class Plays(JointRegressor):
         chosen[with_truth[:: -(-len(with_truth) // int(self.rows))]] = True
         arrays = feature_scales(X[with_truth])
         params = self._asked(X.shape[1])
-        self.pairs_, self.coupled_ = params["pairs"], params["coupled"]
+        self.coupled_ = params["coupled"]
         if self.coupled_:
             arrays |= self._coupling(X, y, dt, params, arrays)
         inputs = play_bank.expand_rows(params, arrays, X, dt, chosen)
-        crossed = play_bank.n_seen(params, X.shape[1], growing=False)
         history = np.cumsum(dt == 0.0)
         starts = np.where(np.diff(history[chosen], prepend=0) > 0, 0.0, 1.0)
         if self.learner != "gaussian_process" and history[-1] >= BLOCKS:
             starts[1:] = 1.0  # as many as a fit to all has, though one may be hidden from this
-        if self.pairs_ and not self._gains(inputs, crossed, X.shape[1], y[chosen], starts):
-            self.pairs_, inputs = (), np.ascontiguousarray(inputs[:, :crossed])
-        unfitted = self._unfitted(X.shape[1], crossed, y.shape[1])
+        unfitted = self._unfitted(X.shape[1], inputs.shape[1], y.shape[1])
         self.model_ = unfitted.fit(inputs, y[chosen], progress, starts)
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
@@ -272,7 +233,7 @@ class Plays(JointRegressor):
         used = fresh.copy()
         for rows in (np.arange(len(X)), np.flatnonzero(with_truth)):
             used[rows[:: -(-len(rows) // _IDENTIFIED)]] = True
-        alone = {**params, "plays": (), "pairs": (), "coupled": ()}
+        alone = {**params, "plays": (), "coupled": ()}
         inputs = play_bank.expand_rows(alone, arrays, X, dt, used)
         places, has_target = list(params["coupled"]), with_truth[used]
         positions = np.ascontiguousarray(inputs[:, places])
@@ -283,16 +244,6 @@ class Plays(JointRegressor):
             positions, fresh[used], has_target, explained, targets
         )
         return {"coupling": coupling, "reaches": reaches}
-
-    def _gains(self, inputs: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
-        """Whether a ridge regression errs less with what is `inputs` beyond the first `crossed`."""
-        products = self._products(n_features, crossed)
-        fits = (
-            Polynomial(2, True, *products).fit(rows, y, dt=dt)
-            for rows in (inputs, inputs[:, :crossed])
-        )
-        growing, alone = (np.log(np.maximum(fit.errors_, 1e-12)).mean() for fit in fits)
-        return bool(growing < alone + math.log1p(-_GAIN))
 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
         """Fitted copy, as `JointRegressor.adapted` says; of the ridge regression alone."""
@@ -305,32 +256,23 @@ class Plays(JointRegressor):
         adapted, penalties = ridge.adapted(inputs, y[has_truth], np.zeros(len(inputs)))
         return self.with_arrays({f"0/{name}": a for name, a in adapted.arrays_.items()}), penalties
 
-    def _products(self, n_features: int, n_seen: int) -> tuple[int, int, int]:
-        """By how many of what is seen, the first ones, how many are multiplied; by whose squares.
+    def _products(self, n_features: int, n_seen: int) -> tuple[int, int]:
+        """By how many of what is seen, the first ones, how many are multiplied.
 
-        Raises CalibrationError if there are too many products of what was asked for.
+        By all features, where that makes few enough products; where capstans turn, up to the last
+        feature that turns one, by each other.
         """
-        squared = min(int(self.squared), n_features)
-        if self.leading is None and not squared:
-            choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
-            if self.turns:
-                n_turned = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
-                choices.insert(0, (n_turned, n_turned))
-            return (*next(pair for pair in choices if pair[0] * pair[1] <= MOST_PRODUCTS), 0)
-        leading = min(squared if self.leading is None else int(self.leading), n_features)
-        asked = (leading + squared) * n_seen
-        if asked > MOST_PRODUCTS:
-            raise CalibrationError(
-                f"leading={self.leading} and squared={self.squared} make {asked} products of "
-                f"{n_seen} features, plays and low-passes; at most {MOST_PRODUCTS}: ask for fewer"
-            )
-        return leading, n_seen, squared
+        choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
+        if self.turns:
+            n_turned = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
+            choices.insert(0, (n_turned, n_turned))
+        return next(pair for pair in choices if pair[0] * pair[1] <= MOST_PRODUCTS)
 
-    def _unfitted(self, n_features: int, n_crossed: int, n_outputs: int) -> JointRegressor:
-        """Model for so many features, what of them and their plays is multiplied, and joints."""
+    def _unfitted(self, n_features: int, n_seen: int, n_outputs: int) -> JointRegressor:
+        """Model for so many features, what is seen of them, and joints."""
         if self.learner == "gaussian_process":
             return GaussianProcess()
-        products = self._products(n_features, n_crossed)
+        products = self._products(n_features, n_seen)
         ridge = Polynomial(2, True, *products, trimmed=self.learner == "trees")
         if self.learner == "ridge":
             return ridge
@@ -348,22 +290,6 @@ def feature_scales(X: Array) -> Arrays:
     varies = ~constant_columns(X)
     inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
     return {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
-
-
-def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Places of measured positions, each with that of an effort that may widen its loop.
-
-    Of its own joint or, where that has none, of the channels that are no measured joint, as the
-    wires of a sheath. None where these are too many.
-    """
-    effort, measured = _places(names, "effort/"), _places(names, "measured/")
-    cables = [i for joint, i in effort.items() if joint not in measured]
-    pairs = [
-        (i, other)
-        for joint, i in measured.items()
-        for other in ([effort[joint]] if joint in effort else cables)
-    ]
-    return tuple(pairs) if len(pairs) <= play_bank.MAX_PAIRS else ()
 
 
 def capstan_turns(

@@ -3,13 +3,11 @@
 A joint behind cables remembers where its motor came from: friction and slack make a play, creep a
 low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen, European Journal
 of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
-larger swings. Friction grows with the tension of a cable, so that there may be plays of one feature
-whose widths go up, or down, with another; and cables that pull at several joints make plays of all
-these together: behind elastic cables each joint stands where its own friction holds it, and moves
-when the pull of the cables, the stiffness of all joints times how far each is from where its motor
-wants it, is larger. That is Moreau's sweeping process (Journal of Differential Equations 26, 1977)
-in several dimensions; of one joint it is a play. What is eccentric, as a capstan may be, errs once
-in each of its turns.
+larger swings. Cables that pull at several joints make plays of all these together: behind elastic
+cables each joint stands where its own friction holds it, and moves when the pull of the cables, the
+stiffness of all joints times how far each is from where its motor wants it, is larger. That is
+Moreau's sweeping process (Journal of Differential Equations 26, 1977) in several dimensions; of one
+joint it is a play. What is eccentric, as a capstan may be, errs once in each of its turns.
 """
 
 from __future__ import annotations
@@ -47,13 +45,12 @@ from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
-MAX_PAIRS: Final = 32
 MAX_COUPLED: Final = 12
 MAX_TURNING: Final = 16
+SHARES: Final = 0.3, 1.0, 2.0
+"""Of friction that plays of several joints have, in place of one play with all of it."""
 SWEEPS: Final = 20  # over the joints, at most; four to seven are usual
 SETTLED: Final = 1e-4  # by how much no joint moves any more in a sweep, in half ranges
-LEAST: Final = 0.1
-"""Share of its largest half-width that a growing play has where the other feature is least."""
 
 JAW_WIDTHS: Final = (
     0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.14, 0.19, 0.26,
@@ -73,11 +70,6 @@ LAYOUT.array("time_constants", "of the low-passes of each feature [s]", "n_lowpa
 LAYOUT.array("outputs", "of the plays of each feature, as they were last", "n_bands")
 LAYOUT.array("trails", "output and input of each low-pass, as they were last", "n_trails", 2)
 LAYOUT.array("seen", "by the model: features, then plays, then low-passes", "n_seen")
-LAYOUT.integers("pairs", "the feature, and the one that its plays grow with", "n_pairs", 2)
-LAYOUT.array("growing", "largest half-widths of growing plays, in half ranges", "n_growing")
-LAYOUT.array(
-    "grown", "outputs of plays of a pair, each way, as they were last", "n_ways", "n_growing"
-)
 LAYOUT.integers("coupled", "features with plays of all together", "n_coupled")
 LAYOUT.array("coupling", "stiffness of two over that of the first", "n_coupled", "n_coupled")
 LAYOUT.array("reaches", "half-widths of their plays, in half ranges", "n_coupled")
@@ -161,7 +153,6 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array)
     couple(numbers, memory, fresh, inputs, start)
     start += m.n_coupled * m.n_shares
     turn(numbers, memory, x, inputs, start)
-    grow(numbers, memory, fresh, inputs, start + 2 * m.n_turning)
 
 
 @compiled
@@ -186,20 +177,6 @@ def turn(numbers: Integers, memory: Array, x: Array, inputs: Array, start: int) 
         angle = weighted(x, m.turns[i])
         inputs[start + 2 * i] = math.cos(angle)
         inputs[start + 2 * i + 1] = math.sin(angle)
-
-
-@compiled
-def grow(numbers: Integers, memory: Array, fresh: bool, inputs: Array, start: int) -> None:
-    """Add plays whose widths go up, then down, with another feature: `inputs` from `start` on."""
-    m = unpack(numbers, memory)
-    for i in range(m.n_pairs):
-        here, other = inputs[m.pairs[i, 0]], 0.5 * inputs[m.pairs[i, 1]]
-        for way in range(2):
-            share, at = 0.5 + other if way == 0 else 0.5 - other, 2 * i + way
-            width, outputs = LEAST + (1.0 - LEAST) * min(max(share, 0.0), 1.0), m.grown[at]
-            for j in range(m.n_growing):
-                outputs[j] = play(width * m.growing[j], fresh, here, outputs[j])
-                inputs[start + at * m.n_growing + j] = (outputs[j] - here) / m.growing[j]
 
 
 @compiled
@@ -247,27 +224,23 @@ def expand_rows(
     return out[:-1]
 
 
-BARE: Final[Params] = {
-    "time_constants": (), "pairs": (), "growing": (1.0,), "coupled": (), "shares": (1.0,),
-    "turns": (),
-}  # fmt: skip
+BARE: Final[Params] = {"time_constants": (), "coupled": (), "turns": ()}
 """Parameters of a bank of plays alone."""
 
 
-def n_seen(params: Params, n_features: int, *, growing: bool = True) -> int:
-    """Count what the model sees, the last of it the plays that grow, which may be left out."""
+def n_seen(params: Params, n_features: int) -> int:
+    """Count what the model sees."""
     alone = n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
-    alone += len(params["coupled"]) * len(params["shares"]) + 2 * len(params["turns"])
-    return alone + (2 * len(params["pairs"]) * len(params["growing"]) if growing else 0)
+    return alone + len(params["coupled"]) * len(SHARES) + 2 * len(params["turns"])
 
 
 def check_features(params: Params, n_features: int) -> None:
     """Raise CalibrationError for a feature that is not there, or turns by other features."""
-    for name, places in (("pairs", params["pairs"]), ("positions", [params["coupled"]])):
-        if any(place >= n_features for some in places for place in some):
-            raise CalibrationError(
-                f"play_bank has {name} {places}; it must be of features 0 to {n_features - 1}"
-            )
+    if any(place >= n_features for place in params["coupled"]):
+        raise CalibrationError(
+            f"play_bank has positions {params['coupled']}; it must be of features 0 to "
+            f"{n_features - 1}"
+        )
     if any(len(row) != n_features for row in params["turns"]):
         raise CalibrationError(
             f"play_bank has turns by {len(params['turns'][0])} features; it must be by each of "
@@ -300,7 +273,6 @@ def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs
         model = family.memory(data, n_seen(params, n_features), n_outputs)
         address, functions = family.row_address(), {"row": family.row}
     k, n_plays, n_coupled = n_features, len(params["plays"]), len(params["coupled"])
-    pairs, turns = np.reshape(params["pairs"], (-1, 2)), np.reshape(params["turns"], (-1, k))
     return LAYOUT.pack(
         functions,
         centre=arrays["centre"],
@@ -310,16 +282,13 @@ def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs
         outputs=np.zeros(k * n_plays),
         trails=np.zeros((k * len(params["time_constants"]), 2)),
         seen=np.zeros(n_seen(params, k)),
-        pairs=pairs,
-        growing=params["growing"],
-        grown=np.zeros((2 * len(pairs), len(params["growing"]))),
         coupled=params["coupled"],
         coupling=arrays.get("coupling", np.zeros((0, 0))),
         reaches=arrays.get("reaches", np.zeros(0)),
-        shares=params["shares"],
+        shares=SHARES,
         wanted=np.zeros(n_coupled),
-        stood=np.zeros((len(params["shares"]), n_coupled)),
-        turns=turns,
+        stood=np.zeros((len(SHARES), n_coupled)),
+        turns=np.reshape(params["turns"], (-1, k)),
         row=address,
         model=model,
     )
@@ -335,10 +304,6 @@ def _rows(value: object, most: int, holds: Callable[[Any], bool]) -> bool:
     )
 
 
-def _are_places(value: object, most: int) -> bool:
-    return _rows(value, most, lambda place: is_integer(place, 0, 10**6))
-
-
 FAMILY: Final = Family(
     "plays",
     rules={
@@ -346,20 +311,14 @@ FAMILY: Final = Family(
         **dict.fromkeys(("couple", "turn"), one_of(False, True)),
         "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),
         "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]", least=0),
-        "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),
-        "pairs": Rule(
-            lambda value: _are_places(value, MAX_PAIRS) and all(len(pair) == 2 for pair in value),
-            f"up to {MAX_PAIRS} pairs of features by their places",
-        ),
         "coupled": Rule(
             lambda value: (
-                _are_places([value], 1)
+                _rows([value], 1, lambda place: is_integer(place, 0, 10**6))
                 and len(value) <= MAX_COUPLED
                 and len(value) == len(set(value)) != 1
             ),
             f"no features, or 2 to {MAX_COUPLED} by their places",
         ),
-        "shares": numbers(MAX_PLAYS, 1e-3, 1e3, "shares of a half-width"),
         "turns": Rule(
             lambda value: _rows(value, MAX_TURNING, lambda n: is_number(n, -LARGEST, LARGEST)),
             f"rows of up to {MAX_TURNING} capstans: angle by each feature [rad over its unit]",

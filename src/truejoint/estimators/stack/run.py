@@ -1,12 +1,13 @@
-"""Rows made of those of others: a weighted sum, and one held to the range of its training.
+"""A row made of those of others: a weighted sum, each for some of the outputs.
 
-Each of a sum is for some of the outputs. Beyond its range, the prediction of what is bounded stays,
-or goes on along a straight line: polynomials, products of plays and trees know nothing of it.
+Members may see some features alone, held to the range of their training. Beyond it, a prediction
+stays, or goes on along a straight line: polynomials, products of plays and trees know nothing of
+it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Final
 
@@ -41,6 +42,14 @@ LAYOUT.integers("first", "of the outputs of each member", "n_members")
 LAYOUT.integers("output", "that each output of the members adds to", "n_weights")
 LAYOUT.array("weights", "of each output of the members", "n_weights")
 LAYOUT.array("predicted", "by one member", "n_outputs")
+LAYOUT.integers("n_seen", "features that each member sees; none where all see all", "n_seeing")
+LAYOUT.integers("first_seen", "of the features of each member", "n_seeing")
+LAYOUT.integers("columns", "places of what members see, one after the other", "n_columns")
+LAYOUT.array("lower", "end of the range of each in training", "n_columns")
+LAYOUT.array("upper", "other end", "n_columns")
+LAYOUT.array("seen", "by the members", "n_columns")
+LAYOUT.array("slope", "of the line beyond", "n_columns", "n_outputs")
+LAYOUT.array("direct", "what each feature adds, by member", "n_direct", "n_outputs")
 _ROWS: Final = [LAYOUT.address(f"row_{i}", "prediction of a member") for i in range(MAX_MEMBERS)]
 _PARTS: Final = [LAYOUT.part(f"member_{i}", "of the sum") for i in range(MAX_MEMBERS)]
 ROW, MEMBER = _ROWS[0], _PARTS[0]
@@ -51,7 +60,7 @@ unpack = LAYOUT.unpacker()
 def stack_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
-    """Predict a weighted sum of what the members predict."""
+    """Predict a weighted sum of what the members predict, those of a range straight beyond it."""
     m = unpack(numbers, memory)
     fill(out, out.shape[0], 0.0)
     for i in range(unrolled(m.n_members)):
@@ -59,7 +68,20 @@ def stack_row(
         predicted = vector(m.predicted, 0, count)
         member = MEMBER + PART_SIZE * i
         sizes, state = part_numbers(numbers, member), part_memory(numbers, memory, member)
-        call_row(numbers[ROW + i], sizes, state, dt, x, predicted, half_width)
+        if m.n_seeing == 0:
+            call_row(numbers[ROW + i], sizes, state, dt, x, predicted, half_width)
+        else:
+            begin, n_seen, k = m.first_seen[i], m.n_seen[i], x.shape[0]
+            for p in range(begin, begin + n_seen):
+                m.seen[p] = min(max(x[m.columns[p]], m.lower[p]), m.upper[p])
+            seen = vector(m.seen, begin, n_seen)
+            call_row(numbers[ROW + i], sizes, state, dt, seen, predicted, half_width)
+            for j in range(count):
+                at = m.output[first + j]
+                for p in range(begin, begin + n_seen):
+                    predicted[j] += m.slope[p, at] * (x[m.columns[p]] - m.seen[p])
+                for p in range(k):
+                    predicted[j] += m.direct[i * k + p, at] * x[p]
         for j in range(count):
             out[m.output[first + j]] += m.weights[first + j] * predicted[j]
 
@@ -91,6 +113,16 @@ ONE_MEMBER: Final = Rule(
 )
 
 
+def _are_places(value: object) -> bool:
+    """Whether `value` is a sequence of different places of features for each member."""
+    return isinstance(value, (tuple, list)) and all(
+        isinstance(places, (tuple, list))
+        and all(is_integer(place, 0, MAX_COLUMNS - 1) for place in places)
+        and 0 < len(places) == len(set(places))
+        for places in value
+    )
+
+
 def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[EstimatorData, list[int]]]:
     """Give each member as data, of arrays called ``<number>/<name>``, and its outputs."""
     for number, (family, member_params, outputs) in enumerate(params["members"]):
@@ -110,12 +142,35 @@ def member_shapes(
     return {f"{number}/{name}": shape for name, shape in shapes.items()}
 
 
+def columns_of(params: Params, n_features: int) -> list[Sequence[int]]:
+    """Places of the features that each member sees; CalibrationError if one is not there."""
+    columns, n_members = params["columns"], len(params["members"])
+    if len(columns) not in (0, n_members):
+        raise CalibrationError(
+            f"stack parameter columns is for {len(columns)} members; there are {n_members}"
+        )
+    largest = max((max(places) for places in columns), default=-1)
+    if largest >= n_features:
+        raise CalibrationError(
+            f"stack parameter columns has place {largest}; there are {n_features} features"
+        )
+    return list(columns) or [range(n_features)] * n_members
+
+
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     shapes: dict[str, Shape] = {}
     used: list[int] = []
+    columns = columns_of(params, n_features)
     for number, (data, outputs) in enumerate(members(params, {})):
-        shapes |= member_shapes(data, n_features, len(outputs), number)
+        shapes |= member_shapes(data, len(columns[number]), len(outputs), number)
         used += outputs
+    if params["columns"]:
+        n_columns, n_direct = sum(map(len, columns)), len(columns) * n_features
+        shapes |= {
+            **dict.fromkeys(("lower", "upper"), (n_columns,)),
+            "slope": (n_columns, n_outputs),
+            "direct": (n_direct, n_outputs),
+        }
     covered = set(used)
     if covered != set(range(n_outputs)):
         raise CalibrationError(
@@ -128,15 +183,20 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
     table: dict[str, Any] = {f"member_{i}": Layout().pack() for i in range(MAX_MEMBERS)}
     functions: dict[str, Any] = {}
+    columns, seeing = columns_of(params, n_features), params["columns"]
     for i, (data, outputs) in enumerate(members(params, arrays)):
         family = find_family(data.family)
-        table[f"member_{i}"] = family.memory(data, n_features, len(outputs))
+        table[f"member_{i}"] = family.memory(data, len(columns[i]), len(outputs))
         table[f"row_{i}"], functions[f"row_{i}"] = family.row_address(), family.row
     used = [outputs for _family, _params, outputs in params["members"]]
-    count = [len(outputs) for outputs in used]
+    count, n_seen = [len(outputs) for outputs in used], [*map(len, seeing)]
+    none = np.zeros((0, n_outputs))
+    limits = {"lower": (), "upper": (), "slope": none, "direct": none}
     return LAYOUT.pack(
         functions, count=count, first=np.cumsum([0, *count[:-1]]), output=np.concatenate(used),
-        weights=arrays["weights"], predicted=np.zeros(n_outputs), **table,
+        weights=arrays["weights"], predicted=np.zeros(n_outputs), n_seen=n_seen,
+        first_seen=np.cumsum(n_seen) - n_seen, columns=[p for places in seeing for p in places],
+        **{name: arrays.get(name, value) for name, value in limits.items()}, **table,
     )  # fmt: skip
 
 
@@ -161,7 +221,8 @@ def _kinds(params: Params) -> list[tuple[Family, Params]]:
 def _specialised(params: Params) -> dict[str, Any]:
     """Fields of the family that the members decide: of those with a memory, and with features."""
     kinds = _kinds(params)
-    inputs = next((kind.inputs(member) for kind, member in kinds if kind.inputs), None)
+    own = (kind.inputs(member) for kind, member in kinds if kind.inputs and not params["columns"])
+    inputs = next(own, None)
     return {
         "remembers": any(kind.remembers for kind, _ in kinds),
         "counts_samples": any(kind.counts_samples for kind, _ in kinds),
@@ -175,92 +236,14 @@ FAMILY: Final = Family(
     rules={
         "members": Rule(
             are_members, f"1 to {MAX_MEMBERS} members: family, its parameters and outputs"
-        )
+        ),
+        "columns": Rule(
+            _are_places, f"for each member, 1 to {MAX_COLUMNS} different places of features"
+        ),
     },
     shapes=_shapes,
     pack=_pack,
     row=stack_row,
     beside=_beside,
     specialise=_specialised,
-)
-
-BOUNDED_LAYOUT: Final = Layout()
-BOUNDED_LAYOUT.integers("columns", "features that the estimator sees", "n_seen")
-BOUNDED_LAYOUT.array("lower", "end of the range of each in training", "n_seen")
-BOUNDED_LAYOUT.array("upper", "other end", "n_seen")
-BOUNDED_LAYOUT.array("seen", "by the estimator", "n_seen")
-BOUNDED_LAYOUT.array("slope", "of the line beyond", "n_seen", "n_outputs")
-BOUNDED_LAYOUT.array("direct", "what each feature adds to the outputs", "n_features", "n_outputs")
-BOUNDED_ROW: Final = BOUNDED_LAYOUT.address("row", "prediction of the estimator")
-BOUNDED_MEMBER: Final = BOUNDED_LAYOUT.part("member", "that is held to its range")
-unpack_bounded = BOUNDED_LAYOUT.unpacker()
-
-
-@compiled
-def bounded_row(
-    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
-) -> None:
-    """Predict within the range, and go on straight beyond it."""
-    m = unpack_bounded(numbers, memory)
-    for i in range(m.n_seen):
-        m.seen[i] = min(max(x[m.columns[i]], m.lower[i]), m.upper[i])
-    sizes = part_numbers(numbers, BOUNDED_MEMBER)
-    state = part_memory(numbers, memory, BOUNDED_MEMBER)
-    call_row(numbers[BOUNDED_ROW], sizes, state, dt, m.seen, out, half_width)
-    for j in range(m.n_outputs):
-        for i in range(m.n_seen):
-            out[j] += m.slope[i, j] * (x[m.columns[i]] - m.seen[i])
-        for i in range(m.n_features):
-            out[j] += m.direct[i, j] * x[i]
-
-
-def _bounded_shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    ((member, _),), n_seen = members(params, {}), len(params["columns"])
-    if max(params["columns"]) >= n_features:
-        raise CalibrationError(
-            f"bounded parameter columns has place {max(params['columns'])}; there are "
-            f"{n_features} features"
-        )
-    return {
-        **dict.fromkeys(("lower", "upper"), (n_seen,)),
-        "slope": (n_seen, n_outputs),
-        "direct": (n_features, n_outputs),
-        **member_shapes(member, n_seen, n_outputs),
-    }
-
-
-def _pack_bounded(
-    params: Params, arrays: Mapping[str, Array], _n_features: int, n_outputs: int
-) -> Memory:
-    ((member, _),), n_seen = members(params, arrays), len(params["columns"])
-    row = find_family(member.family)
-    return BOUNDED_LAYOUT.pack(
-        {"row": row.row}, columns=params["columns"], seen=np.zeros(n_seen),
-        row=row.row_address(), member=row.memory(member, n_seen, n_outputs),
-        **{name: arrays[name] for name in ("lower", "upper", "slope", "direct")},
-    )  # fmt: skip
-
-
-BOUNDED: Final = Family(
-    "bounded",
-    rules={
-        "members": ONE_MEMBER,
-        "columns": Rule(
-            lambda value: (
-                isinstance(value, (tuple, list))
-                and 0 < len(value) == len(set(value)) <= MAX_COLUMNS
-                and all(is_integer(place, 0, MAX_COLUMNS - 1) for place in value)
-            ),
-            f"1 to {MAX_COLUMNS} different places of features",
-        ),
-    },
-    shapes=_bounded_shapes,
-    pack=_pack_bounded,
-    row=bounded_row,
-    beside=lambda params: {n: ("member", *path[1:]) for n, path in _beside(params).items()},
-    specialise=lambda params: {
-        name: getattr(kind, name)
-        for kind, _ in _kinds(params)
-        for name in ("remembers", "counts_samples", "targets")
-    },
 )

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from sklearn.dummy import DummyRegressor
 from sklearn.ensemble import (
-    BaggingRegressor,
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
-    VotingRegressor,
 )
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import MaxAbsScaler, RobustScaler, StandardScaler
+from sklearn.preprocessing import StandardScaler
 from sklearn.tree import BaseDecisionTree
 
 from truejoint.array_types import Array, Integers
@@ -27,9 +25,6 @@ from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.network import run as network
 from truejoint.estimators.polynomial import run as polynomial
 from truejoint.estimators.trees.run import FAMILY, MAX_NODES
-
-_SCALERS: Final = {StandardScaler: "mean_", RobustScaler: "center_", MaxAbsScaler: ""}
-"""Steps that take away the attribute of this name and divide by ``scale_``."""
 
 
 def convert(
@@ -67,11 +62,10 @@ def _scaled(regressor: Any, n_features: int) -> tuple[Any, Array, Array]:
         return searched, mean, scale
     *before, (_, last) = searched.steps
     steps: list[Any] = [step for _, step in before if step not in (None, "passthrough")]
-    if len(steps) > 1 or any(type(step) not in _SCALERS for step in steps):
+    if len(steps) > 1 or any(type(step) is not StandardScaler for step in steps):
         return None, mean, scale
     for step in steps:
-        taken = getattr(step, _SCALERS[type(step)] or "", None)
-        mean = mean if taken is None else np.asarray(taken, dtype=np.float64)
+        mean = mean if step.mean_ is None else np.asarray(step.mean_, dtype=np.float64)
         scale = scale if step.scale_ is None else np.asarray(step.scale_, dtype=np.float64)
     return last, mean, scale
 
@@ -146,8 +140,6 @@ def tree_sum(regressor: object) -> TreeSum | None:
         return _gradient_boosted(regressor)
     if isinstance(regressor, HistGradientBoostingRegressor):
         return _histogram_boosted(regressor)
-    if isinstance(regressor, (BaggingRegressor, VotingRegressor)):
-        return _averaged(regressor)
     return None
 
 
@@ -213,30 +205,6 @@ def _histogram_boosted(regressor: Any) -> TreeSum | None:
         value = nodes["value"][:, None].copy()
         trees.append(_in_order(feature, threshold, left, right, value))
     return _sum_of(trees, regressor._baseline_prediction.item())
-
-
-def _averaged(regressor: Any) -> TreeSum | None:
-    members = [tree_sum(member) for member in regressor.estimators_]
-    sums = [member for member in members if member is not None]
-    if len(sums) != len(members):
-        return None
-    weights = np.ones(len(sums))
-    if isinstance(regressor, VotingRegressor) and regressor.weights is not None:
-        named = zip(regressor.estimators, regressor.weights, strict=True)
-        weights = np.array([weight for (_, member), weight in named if member != "drop"])
-    scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
-    if isinstance(regressor, BaggingRegressor):  # of which each sees some features
-        for part, features in zip(scaled, regressor.estimators_features_, strict=True):
-            places = np.asarray(features)
-            for at, tree in enumerate(part.trees):
-                asked = np.where(tree.feature < 0, -1, places[tree.feature])
-                part.trees[at] = tree._replace(feature=asked)
-    return added(scaled)
-
-
-def added(sums: Sequence[TreeSum]) -> TreeSum:
-    """One sum of what several give."""
-    return TreeSum([t for part in sums for t in part.trees], np.sum([s.offset for s in sums], 0))
 
 
 def _sum_of(trees: list[Tree], offset: float) -> TreeSum:
