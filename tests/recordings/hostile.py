@@ -401,17 +401,6 @@ def _index(_: Path) -> bytes:
 # ----------------------------------------------------------------------------------- other files
 
 
-@kind("whole.mcap.zstd")
-def _whole_mcap(_: Path) -> bytes:
-    return zstd.compress(mcap(state_records([MESSAGE] * 20)) + bytes(1 << 28))
-
-
-@kind("whole.db3.zstd")
-def _whole_tables(path: Path) -> bytes:
-    tables(plain := path.with_name("plain.db3"), rows=[MESSAGE] * 20)
-    return zstd.compress(plain.read_bytes() + bytes(1 << 28))
-
-
 @kind("table.csv.gz")
 def _gzip(_: Path) -> bytes:
     return gzip.compress(b"t,measured/jaw\n" + b"0.1,0.2\n" * 10_000_000, 1)

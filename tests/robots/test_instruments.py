@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from truejoint.recordings.read.mapped import layouts
+from truejoint.recordings import read_column_map
+from truejoint.recordings.datasets import DATASETS
 from truejoint.robots import get_robot
 
 
@@ -26,7 +27,7 @@ def test_bros_ratios_are_those_of_its_encoders(
 
 def test_grasper_driver_and_motor_count_the_same_spindle() -> None:
     # 4096 motor counts at 35:1 against 8192 driver counts for the same turn.
-    columns = layouts()["davinci_grasper_umn"][0].columns.columns
+    columns = read_column_map(DATASETS["davinci_grasper_umn"].layouts[0]["map"]).columns
     spindle = columns["motor/jaw"].scale / 35
     assert columns["driver/jaw"].scale / spindle == pytest.approx(17.5)
 

@@ -173,8 +173,6 @@ def columns(path: Path, robot: str = "", output: Path | None = None, force: bool
 
     Other commands take it with `--columns`.
     """
-    if output is not None:
-        check_target(output, overwrite=force)
     text = truejoint.recordings.sketch_column_map(path, *options.robot_and_arm(robot)) + "\n"
     if output is None:
         out.print(text, end="", soft_wrap=True)

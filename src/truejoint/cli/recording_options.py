@@ -22,7 +22,7 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 _NUMBERS: Final = ("load_grams", "rate_hz")
 _OF_RECORDING: Final = ("homing_id", "load_grams", "session")
-METADATA: Final = (*_OF_RECORDING, "format", "rate_hz", "truth_unit", "truth_zero")
+METADATA: Final = (*_OF_RECORDING, "format", "rate_hz", "truth_zero")
 
 
 def parse_metadata(
@@ -185,8 +185,7 @@ class Files:
         has_map = self.columns is not None
         kind = overrides.get("format") or sets.detect_format(path, with_map=has_map)
         stated: dict[str, Any] = {"robot": robot, "arm": arm, "column_map": self.columns}
-        stated |= {key: overrides.get(key) for key in ("truth_unit", "truth_zero")}
-        stated["rate"] = overrides.get("rate_hz")
+        stated |= {"truth_zero": overrides.get("truth_zero"), "rate": overrides.get("rate_hz")}
         is_named = self.robot or (has_map and self.column_map.robot)
         if model is not None and not is_named and kind in sets.FORMATS:
             of_model = {"robot": model.machine, "arm": model.arm}

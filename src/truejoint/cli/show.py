@@ -228,7 +228,7 @@ def _dataset_facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, 
         "notice": dataset.notice,
         "citation": dataset.citation,
         "here": _is_here(dataset),
-        "recordings": [recording.name for recording in dataset.recordings],
+        "recordings": list(dataset.recordings),
         "features": list(dataset.features),
         "splits": [split.name for split in dataset.splits],
     }

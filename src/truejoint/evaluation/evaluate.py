@@ -323,7 +323,7 @@ def split_sides(
     >>> training, testing = split_sides(recordings, kuka, kuka.split())  # doctest: +SKIP
     """
     if split.test:
-        out = [split.holds_out(recording.name) for recording in dataset.match(split.files)]
+        out = [split.holds_out(name) for name in dataset.match(split.files)]
         pairs = list(zip(recordings, out, strict=True))
         return [r for r, held in pairs if not held], [r for r, held in pairs if held]
     training, testing = [], []

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.recordings import FORMATS
+from truejoint.recordings import read_column_map
 from truejoint.recordings.datasets import DATASETS, HeldOut, get_dataset
 from truejoint.robots import get_robot
 
@@ -14,20 +14,19 @@ every_dataset = pytest.mark.parametrize("dataset", DATASETS.values(), ids=list(D
 
 @every_dataset
 def test_an_entry_is_complete(dataset):
-    assert dataset.format in FORMATS or {*dataset.maps} == {r.name for r in dataset.recordings}
+    for name in dataset.recordings:
+        assert read_column_map(dataset.layout(name)["map"]).robot == dataset.robot
     assert get_robot(dataset.robot).name == dataset.robot
     assert re.fullmatch(r"[\w.-]+/[\w.-]+", dataset.repository)
     assert re.fullmatch(r"[0-9a-f]{40}", dataset.commit)
     assert dataset.citation
     # Without truth there is nothing to fit or to judge.
     assert bool(dataset.features) == bool(dataset.splits) == (dataset.name != "raven2_motor_side")
-    files = [file for recording in dataset.recordings for file in recording.files]
+    files = [file for part in dataset.recordings.values() for file in part]
     assert len({file.name for file in files}) == len(files) > 1
     for file in files:
         assert re.fullmatch(r"[0-9a-f]{64}", file.sha256)
         assert file.size > 1000
-    names = [recording.name for recording in dataset.recordings]
-    assert len(set(names)) == len(names)
 
 
 @every_dataset
@@ -37,23 +36,23 @@ def test_splits_hold_something_out_and_leave_something(dataset):
         if split.test:
             held_out = dataset.match(split.test)
             assert set(held_out) < set(chosen)
-            assert held_out == tuple(r for r in chosen if split.holds_out(r.name))
+            assert held_out == tuple(name for name in chosen if split.holds_out(name))
         else:
             assert 0 < split.test_fraction < 1
-            assert not any(split.holds_out(r.name) for r in chosen)
+            assert not any(map(split.holds_out, chosen))
 
 
 def test_the_grasper_is_held_out_by_frequency_and_load():
     dataset = get_dataset("davinci_grasper_umn")
     by_frequency = dataset.match(dataset.split("frequency").test)
-    assert [r.name[-2:] for r in by_frequency] == [f"3{load}" for load in range(10)]
+    assert [name[-2:] for name in by_frequency] == [f"3{load}" for load in range(10)]
     by_load = dataset.match(dataset.split("load").test)
-    assert [r.name[-2:] for r in by_load] == [f"{f}{load}" for f in range(5) for load in (3, 7)]
+    assert [name[-2:] for name in by_load] == [f"{f}{load}" for f in range(5) for load in (3, 7)]
 
 
 def test_a_file_may_come_from_another_repository():
     dataset = get_dataset("raven2_motor_side")
-    first, second = (recording.files[0] for recording in dataset.recordings)
+    first, second = (files[0] for files in dataset.recordings.values())
     assert dataset.url(first).endswith(
         f"CSLDepend/raven2_sim/{dataset.commit}/Li_DYN/Matlab/test_joint123.mat"
     )
@@ -63,7 +62,7 @@ def test_a_file_may_come_from_another_repository():
 
 def test_an_address_is_quoted():
     dataset = get_dataset("kuka_kr300_dual_encoder")
-    url = dataset.url(dataset.recordings[0].files[0])
+    url = dataset.url(dataset.recordings["FF_A"][0])
     assert url == (
         "https://raw.githubusercontent.com/JonasWeigand/Robot_Identification/"
         "9e403c07d9dadbb391a9f3921e8d219f714636a8/data/recorded_trajectories/"

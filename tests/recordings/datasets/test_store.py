@@ -20,7 +20,6 @@ from truejoint.recordings.datasets import (
     DATASETS,
     Dataset,
     DatasetFile,
-    DatasetRecording,
     catalogue,
     fetch,
     locate,
@@ -48,14 +47,15 @@ def kflex_text(scale: float) -> bytes:
 @pytest.fixture
 def dataset(monkeypatch: pytest.MonkeyPatch) -> Dataset:
     """A data set of two small files in place of a real one."""
-    recordings = []
+    recordings = {}
     for name, scale in (("a", 10.0), ("b", 20.0)):
         data = kflex_text(scale)
         file = DatasetFile(
             f"{name}.txt", f"some where/{name}.txt", len(data), hashlib.sha256(data).hexdigest()
         )
-        recordings.append(DatasetRecording(name, (file,)))
-    small = replace(DATASETS[NAME], recordings=tuple(recordings))
+        recordings[name] = (file,)
+    layout = {**DATASETS[NAME].layouts[0], "files": "*"}
+    small = replace(DATASETS[NAME], recordings=recordings, layouts=[layout])
     monkeypatch.setattr(catalogue, "DATASETS", {NAME: small})
     return small
 
@@ -75,8 +75,8 @@ def upstream(
     dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Upstream]:
     result = Upstream(tmp_path / "upstream")
-    for recording, scale in zip(dataset.recordings, (10.0, 20.0), strict=True):
-        path = result.folder / dataset.repository / dataset.commit / recording.files[0].upstream
+    for (file,), scale in zip(dataset.recordings.values(), (10.0, 20.0), strict=True):
+        path = result.folder / dataset.repository / dataset.commit / file.upstream
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(kflex_text(scale))
 
@@ -131,42 +131,34 @@ def test_what_is_there_is_not_fetched_again(upstream, cache):
 
 
 def test_two_that_fetch_at_once_make_the_same_folders(upstream, cache, monkeypatch):
-    """Just before a folder is made, the other has made it, and taken an empty one away."""
+    """Just before a folder is made, the other has made it."""
     small = catalogue.DATASETS[NAME]
-    deep = [
-        replace(one, files=(replace(one.files[0], name=f"in/{one.files[0].name}"),))
-        for one in small.recordings
-    ]
-    monkeypatch.setattr(catalogue, "DATASETS", {NAME: replace(small, recordings=tuple(deep))})
-    make, remove = os.makedirs, Path.rmdir
+    deep = {
+        name: (replace(file, name=f"in/{file.name}"),) for name, (file,) in small.recordings.items()
+    }
+    monkeypatch.setattr(catalogue, "DATASETS", {NAME: replace(small, recordings=deep)})
+    make = os.makedirs
 
     def made(path: str, *more: object, **how: object) -> None:
         Path(path).mkdir(parents=True, exist_ok=True)
         make(path, *more, **how)
 
-    def removed(path: Path) -> None:
-        remove(path)
-        remove(path)
-
     monkeypatch.setattr(os, "makedirs", made)
-    monkeypatch.setattr(Path, "rmdir", removed)
-    (cache / NAME / "left").mkdir(parents=True)
     fetch(NAME)
     assert (cache / NAME / "in" / "b.txt").read_bytes() == kflex_text(20.0)
-    assert not (cache / NAME / "left").exists()
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        (kflex_text(11.0)[: len(kflex_text(10.0))], "its SHA-256 is not"),
-        (kflex_text(10.0)[:-5], "its SHA-256 is not"),
-        (kflex_text(10.0) * 2, "is longer than the"),
+        kflex_text(11.0)[: len(kflex_text(10.0))],
+        kflex_text(10.0)[:-5],
+        kflex_text(10.0) * 2,
     ],
 )
-def test_another_file_is_never_put_in_place(upstream, cache, content, message):
+def test_another_file_is_never_put_in_place(upstream, cache, content):
     served(upstream, "b").write_bytes(content)
-    with pytest.raises(RecordingError, match=message) as caught:
+    with pytest.raises(RecordingError, match="is not the file that was published") as caught:
         fetch(NAME)
     assert "\n" not in str(caught.value)
     assert sorted(p.name for p in (cache / NAME).iterdir()) == ["a.txt"]
@@ -185,7 +177,6 @@ def test_no_network(dataset, cache, monkeypatch):
     monkeypatch.setattr(catalogue, "RAW_HOST", "http://127.0.0.1:9")
     with pytest.raises(RecordingError, match=r"cannot be fetched \(ConnectionError\)"):
         fetch(NAME)
-    assert not (cache / NAME).exists()
     with pytest.raises(RecordingError, match=f"no copy .* run 'truejoint datasets fetch {NAME}'"):
         locate(NAME)
 
@@ -194,10 +185,12 @@ def test_a_folder_of_copies_comes_first(dataset, cache, tmp_path, monkeypatch):
     copies = tmp_path / "copies"
     (copies / NAME).mkdir(parents=True)
     (cache / NAME).mkdir(parents=True)
+    (cache / NAME / "a.txt").touch()
     monkeypatch.setenv("TRUEJOINT_DATA", str(copies))
-    assert locate(NAME) == copies / NAME
+    assert locate(NAME) == cache / NAME
     # Copies may be in gzip: the hash is that of what is inside.
     (copies / NAME / "a.txt.gz").write_bytes(gzip.compress(kflex_text(10.0)))
+    assert locate(NAME) == copies / NAME
     assert len(read_dataset(NAME, "a")) == 1
     with pytest.raises(RecordingError, match=r"b.txt: is missing"):
         read_dataset(NAME)
@@ -216,7 +209,7 @@ def test_a_variable_that_names_no_folder(cache, monkeypatch):
 def test_a_copy_on_this_machine_is_the_upstream_one(name, dataset_folder):
     dataset_folder(name)
     dataset = DATASETS[name]
-    last = dataset.recordings[-1].name
+    last = list(dataset.recordings)[-1]
     recordings = read_dataset(name, last)
     assert len(recordings) == 1
     assert recordings[0].robot.name == dataset.robot

@@ -9,7 +9,7 @@ import pytest
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import read_recording
-from truejoint.recordings.read.raven_csv import TRUTH_UNITS, frozen_rows
+from truejoint.recordings.read.raven_csv import frozen_rows
 
 WriteRaven = Callable[..., Path]
 
@@ -77,13 +77,8 @@ def test_every_column_is_where_the_layout_has_it(write_raven, arm, offset, colum
     assert recording.joints_of("truth") == (CHANNELS[:3] if columns >= 252 else ())
 
 
-@pytest.mark.parametrize("unit", list(TRUTH_UNITS))
-def test_truth_in_any_stated_unit(write_raven, unit):
-    def convert(table: np.ndarray) -> None:
-        table[:, 1:4] /= TRUTH_UNITS[unit]
-
-    recording = read_recording(write_raven(252, change=convert), truth_unit=unit)
-    error = recording.error(("shoulder", "elbow", "insertion"))
+def test_the_truth_is_in_rad_and_m(write_raven):
+    error = read_recording(write_raven(252)).error(("shoulder", "elbow", "insertion"))
     assert np.allclose(error, [0.01, -0.02, 0.003])
 
 
@@ -98,9 +93,7 @@ def test_the_truth_of_a_file_and_of_the_bag_it_was_made_of_have_one_zero(write_r
     np.testing.assert_allclose(added, np.tile([0.0, np.deg2rad(7.5), -0.010467], (40, 1)))
     assert "added to the truth [rad or m]: +0.1309 to elbow" in shifted.provenance.notes
     assert own.provenance.notes == ""
-    with pytest.raises(
-        RecordingError, match="truth zero 'home' is not known; choose from encoders"
-    ):
+    with pytest.raises(RecordingError, match="no truth zero called 'home'; known: encoders, robot"):
         read_recording(path, truth_zero="home")
 
 
@@ -110,11 +103,8 @@ def test_truth_in_a_unit_that_cannot_be_is_refused(write_raven):
         table[:, 1:4] = [41.0, 79.0, 0.41]
 
     path = write_raven(252, change=working_range)
-    with pytest.raises(RecordingError, match=r"truth of shoulder .* truth_unit='deg_m'"):
+    with pytest.raises(RecordingError, match=r"truth of shoulder .* check units and arm"):
         read_recording(path)
-    assert len(read_recording(path, truth_unit="deg_m")) == 40
-    with pytest.raises(RecordingError, match="truth unit 'inch' is not known"):
-        read_recording(path, truth_unit="inch")
 
 
 def test_truth_that_stops_is_taken_out_and_counted(write_raven):
@@ -152,13 +142,18 @@ def test_rows_of_the_homing_are_left_out_and_counted(write_raven):
     assert recording.provenance.dropped == {"homing": 15}
 
 
-@pytest.mark.parametrize(("found", "asked"), [(239, 240), (241, 240), (255, 252), (240, 252)])
-def test_another_column_count_is_named(write_raven, found, asked):
+@pytest.mark.parametrize("found", [239, 241, 255])
+def test_another_column_count_is_named(write_raven, found):
     path = write_raven(found)
-    with pytest.raises(RecordingError, match=f"{found} columns, expected {asked}") as caught:
-        read_recording(path, f"raven_csv_{asked}")
+    with pytest.raises(RecordingError, match=f"{found} columns, expected 240 or 252") as caught:
+        read_recording(path, "raven_csv")
     assert "column map" in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_a_file_without_truth_takes_nothing_of_it(write_raven):
+    with pytest.raises(RecordingError, match="has no truth; leave truth_zero out"):
+        read_recording(write_raven(240), truth_zero="robot")
 
 
 def test_missing_numbers(write_raven):

@@ -24,14 +24,11 @@ def table(*, poses: bool) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize("poses", [False, True])
-@pytest.mark.parametrize("kind", ["csv", "tab", "parquet"])
+@pytest.mark.parametrize("kind", ["csv", "tab"])
 def test_a_file_gives_its_points(tmp_path, kind, poses):
     path = tmp_path / f"points.{kind}"
     frame = table(poses=poses)
-    if kind == "parquet":
-        frame.to_parquet(path)
-    else:
-        frame.to_csv(path, index=False, sep="\t" if kind == "tab" else ",")
+    frame.to_csv(path, index=False, sep="\t" if kind == "tab" else ",")
     track = read_track(path)
     np.testing.assert_allclose(track.t, T)
     np.testing.assert_allclose(track.position, POINTS)
@@ -90,7 +87,7 @@ def test_each_message_of_a_marker_is_read(tmp_path, kind, suffix):
 def test_what_is_no_track_is_one_line(tmp_path):
     path = tmp_path / "points.csv"
     table(poses=True).drop(columns="qw").to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="is no file of points: it has columns frame, t, x"):
+    with pytest.raises(RecordingError, match="is no file of points: it begins with frame, t, x"):
         read_track(path)
     np.savetxt(path, POINTS, delimiter=",")
     with pytest.raises(RecordingError, match="is no file of points"):
@@ -107,11 +104,8 @@ def test_what_is_no_track_is_one_line(tmp_path):
     lost.to_csv(path, index=False)
     with pytest.raises(RecordingError, match=r"only 5 of 120 readings .*marker lost: 115"):
         read_track(path)
-    table(poses=False).assign(x=[None, *["near"] * 119]).to_parquet(tmp_path / "points.parquet")
-    with pytest.raises(RecordingError, match="is not a whole Parquet file of numbers"):
-        read_track(tmp_path / "points.parquet")
-    (tmp_path / "points.parquet").write_bytes(b"PAR1 no more")
-    with pytest.raises(RecordingError, match="is not a whole Parquet file"):
+    table(poses=False).to_parquet(tmp_path / "points.parquet")
+    with pytest.raises(RecordingError, match="is not a text file"):
         read_track(tmp_path / "points.parquet")
     with pytest.raises(RecordingError, match="there is no such file"):
         read_track(tmp_path / "none.csv")

@@ -1,12 +1,9 @@
 from .catalogue import DATASETS as DATASETS
 from .catalogue import Dataset as Dataset
 from .catalogue import DatasetFile as DatasetFile
-from .catalogue import DatasetRecording as DatasetRecording
 from .catalogue import HeldOut as HeldOut
 from .catalogue import get_dataset as get_dataset
 from .store import DATA_VARIABLE as DATA_VARIABLE
-from .store import cache_folder as cache_folder
-from .store import data_folders as data_folders
 from .store import fetch as fetch
 from .store import locate as locate
 from .store import read_dataset as read_dataset

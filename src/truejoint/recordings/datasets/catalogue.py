@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from importlib.resources import files
@@ -34,7 +34,7 @@ class DatasetFile:
 
     Examples
     --------
-    >>> len(get_dataset("kflex_tendon_sheath").recordings[0].files[0].sha256)
+    >>> len(get_dataset("kflex_tendon_sheath").recordings["0"][0].sha256)
     64
     """
 
@@ -42,20 +42,6 @@ class DatasetFile:
     upstream: str
     size: int
     sha256: str
-
-
-@dataclass(frozen=True)
-class DatasetRecording:
-    """One recording of a data set: one file, or the files of one folder.
-
-    Examples
-    --------
-    >>> get_dataset("kflex_tendon_sheath").recordings[0].name
-    '0'
-    """
-
-    name: str
-    files: tuple[DatasetFile, ...]
 
 
 @dataclass(frozen=True)
@@ -103,10 +89,6 @@ class Dataset:
     name, title : str
     robot : str
         As in `truejoint.robots.get_robot`.
-    format : str
-        Reader of its recordings, one of `truejoint.recordings.FORMATS`; empty where `maps` say it.
-    maps : mapping
-        Column map by name of recording, as `truejoint.recordings.read_column_map` takes it.
     repository, commit : str
         On GitHub, ``owner/name``, and the commit that the hashes are of.
     licence : str
@@ -122,7 +104,10 @@ class Dataset:
         Parameters that suit it, by estimator and name.
     splits : tuple of HeldOut
         Recommended ways to judge on it, the first by default; none where there is no truth.
-    recordings : tuple of DatasetRecording
+    recordings : mapping
+        Files by name of recording, several where it is a folder.
+    layouts : sequence of mapping
+        How the files stand, as ``catalogue.toml`` says it.
 
     Examples
     --------
@@ -138,24 +123,23 @@ class Dataset:
     citation: str
     features: tuple[str, ...]
     splits: tuple[HeldOut, ...]
-    recordings: tuple[DatasetRecording, ...]
+    recordings: Mapping[str, tuple[DatasetFile, ...]]
+    layouts: Sequence[Mapping[str, Any]]
     licence: str = ""
     notice: str = ""
-    format: str = ""
-    maps: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     fit_rate: float | None = None
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
         """All files together [bytes]."""
-        return sum(file.size for recording in self.recordings for file in recording.files)
+        return sum(file.size for files in self.recordings.values() for file in files)
 
-    def match(self, pattern: str = "*") -> tuple[DatasetRecording, ...]:
-        """Find recordings by a shell pattern of names; raises RecordingError when none fits."""
-        matching = tuple(r for r in self.recordings if fnmatchcase(r.name, pattern))
+    def match(self, pattern: str = "*") -> tuple[str, ...]:
+        """Names of recordings by a shell pattern; raises RecordingError when none fits."""
+        matching = tuple(name for name in self.recordings if fnmatchcase(name, pattern))
         if not matching:
-            some = ", ".join(r.name for r in self.recordings[:4])
+            some = ", ".join(list(self.recordings)[:4])
             more = ", ..." if len(self.recordings) > 4 else ""
             raise RecordingError(
                 f"{self.name}: no recording fits {pattern!r}; there are {some}{more}"
@@ -169,6 +153,10 @@ class Dataset:
                 return split
         names = [split.name for split in self.splits]
         raise RecordingError(f"{self.name}: {unknown('split', name, names)}")
+
+    def layout(self, recording: str) -> Mapping[str, Any]:
+        """How the files of the recording of this name stand."""
+        return next(row for row in self.layouts if fnmatchcase(recording, row.get("files", "*")))
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""
@@ -205,8 +193,7 @@ def _load() -> dict[str, Dataset]:
     for name, values in catalogue.items():
         values["features"] = tuple(values.get("features", ()))
         values["splits"] = tuple(HeldOut(**split) for split in values.get("splits", ()))
-        parts = recordings[name].items()
-        values["recordings"] = tuple(DatasetRecording(key, tuple(part)) for key, part in parts)
+        values["recordings"] = {key: tuple(part) for key, part in recordings[name].items()}
     return {name: Dataset(name, **values) for name, values in catalogue.items()}
 
 

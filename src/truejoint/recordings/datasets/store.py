@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -28,28 +28,14 @@ _CHUNK: Final = 1024
 
 
 def cache_folder() -> Path:
-    """Folder that `fetch` fills, the user's cache.
-
-    Examples
-    --------
-    >>> cache_folder().name
-    'truejoint'
-    """
+    """Folder that `fetch` fills, the user's cache."""
     return Path(pooch.os_cache("truejoint"))
 
 
 def data_folders() -> tuple[Path, ...]:
     """Folders that are searched for data sets, first the one of `DATA_VARIABLE`.
 
-    Raises
-    ------
-    RecordingError
-        If the variable names something that is no folder.
-
-    Examples
-    --------
-    >>> cache_folder() in data_folders()
-    True
+    Raises RecordingError if the variable names something that is no folder.
     """
     if stated := os.environ.get(DATA_VARIABLE, ""):
         if not Path(stated).is_dir():
@@ -80,7 +66,7 @@ def locate(name: str) -> Path:
     """
     dataset = get_dataset(name)
     for folder in data_folders():
-        if (folder / name).is_dir():
+        if any(path.is_file() for path in (folder / name).rglob("*")):
             return folder / name
     raise RecordingError(
         f"{name}: no copy on this machine; run 'truejoint datasets fetch {name}' "
@@ -116,7 +102,7 @@ def fetch(
     >>> fetch("davinci_grasper_umn")  # doctest: +SKIP
     """
     dataset = get_dataset(name)
-    wanted = [file for recording in dataset.match(pattern) for file in recording.files]
+    wanted = [file for one in dataset.match(pattern) for file in dataset.recordings[one]]
     folder = cache_folder() / name
     store = pooch.create(
         path=folder,
@@ -126,22 +112,16 @@ def fetch(
         retry_if_failed=_RETRIES,
     )
     total, done = sum(file.size for file in wanted), 0
-    report = progress or (lambda _: None)
-    logger = pooch.get_logger()
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        for file in wanted:
-            before = done
-            _fetch_one(store, dataset, file, lambda taken: report((before + taken) / total))  # noqa: B023
-            done += file.size
-            report(done / total)
-    finally:
-        logger.setLevel(level)
-        # `locate` would take a folder without a file for a copy.
-        for inner, _, _ in os.walk(folder, topdown=False):
-            with suppress(OSError):  # not empty, or another process has been quicker
-                Path(inner).rmdir()
+    pooch.get_logger().setLevel(logging.ERROR)
+
+    def report(before: int, taken: int) -> None:
+        if progress:
+            progress((before + taken) / total)
+
+    for file in wanted:
+        _fetch_one(store, dataset, file, partial(report, done))
+        done += file.size
+        report(done, 0)
     return folder
 
 
@@ -175,16 +155,24 @@ def read_dataset(
     folder = locate(name)
     recordings = []
     for recording in wanted:
-        paths = [_require_upstream(dataset, folder, file) for file in recording.files]
+        files, layout = dataset.recordings[recording], dataset.layout(recording)
+        paths = [_require_upstream(dataset, folder, file) for file in files]
         alone = len(paths) == 1
-        column_map = dataset.maps.get(recording.name)
-        options = {"column_map": column_map} if column_map else {}
-        place = paths[0] if alone else paths[0].parent
-        result = read_recording(place, dataset.format or None, session=recording.name, **options)
-        repository, commit, upstream = dataset.origin(recording.files[0])
+        result = read_recording(
+            paths[0] if alone else paths[0].parent,
+            None if alone else "arrays",
+            column_map=layout["map"],
+            session=recording,
+            homing_id=recording if "own_zero" in layout else "",
+            notes=layout.get("notes", ""),
+        )
+        repository, commit, upstream = dataset.origin(files[0])
         path = upstream if alone else PurePosixPath(upstream).parent
-        source = f"{repository}@{commit[:8]}:{path}"
-        recordings.append(replace(result, provenance=replace(result.provenance, source=source)))
+        origin = replace(result.provenance, source=f"{repository}@{commit[:8]}:{path}")
+        if "nominal_hz" in layout:
+            rates = dict.fromkeys(("state", "truth"), float(layout["nominal_hz"]))
+            origin = replace(origin, rates=rates)
+        recordings.append(replace(result, provenance=origin))
         if progress:
             progress(len(recordings) / len(wanted))
     return recordings
@@ -218,27 +206,22 @@ def _fetch_one(
             for chunk in answer.iter_content(_CHUNK):
                 taken += part.write(chunk)
                 if taken > file.size:
-                    raise OverflowError  # which pooch does not try again
+                    raise ValueError  # as pooch does for a wrong hash
                 report(taken)
 
     try:
         # Not by pooch, which fails where another process makes the same folder meanwhile.
         (store.abspath / file.name).parent.mkdir(parents=True, exist_ok=True)
         store.fetch(file.name, downloader=download)
-    except OverflowError:
-        raise RecordingError(
-            f"{dataset.url(file)}: is longer than the {file.size} bytes that are known; it is not "
-            "the file that was published"
-        ) from None
     except requests.RequestException as error:
         raise RecordingError(
             f"{dataset.url(file)}: cannot be fetched ({type(error).__name__}); check the network, "
             f"or copy the data set yourself and set {DATA_VARIABLE}"
         ) from None
-    except ValueError:  # pooch's word for a wrong hash; it has removed the file
+    except ValueError:  # pooch has removed the file
         raise RecordingError(
-            f"{dataset.url(file)}: its SHA-256 is not {file.sha256[:16]}...; it is not the file "
-            "that was published: try again later"
+            f"{dataset.url(file)}: is not the file that was published, of {file.size} bytes with "
+            f"SHA-256 {file.sha256[:16]}...; try again later"
         ) from None
     except OSError as error:
         raise RecordingError(f"{file.name}: cannot be written to the cache ({error})") from None

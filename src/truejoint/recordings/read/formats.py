@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
@@ -50,17 +50,13 @@ class Format:
     reads_head: bool = False
 
 
-def _load(name: str, summary: str, reader: str = "", **row: Any) -> Format:
+def _load(name: str, summary: str, reader: str, options: Sequence[str] = (), **row: Any) -> Format:
     """Layout of a row of the table; its reader is imported when it is called."""
 
-    def read(*args: Any, **options: Any) -> Any:
-        if not reader:
-            options["layout"] = name
-        place = reader or "read.mapped:read_layout"
-        return resolve_name(f"truejoint.recordings.{place}")(*args, **options)
+    def read(*args: Any, **how: Any) -> Any:
+        return resolve_name(f"truejoint.recordings.{reader}")(*args, **how)
 
-    row["options"] = tuple(row.get("options", ()))
-    return Format(name, summary, read, **{"reads_head": not reader, **row})
+    return Format(name, summary, read, tuple(options), **row)
 
 
 _ROWS: Final = tomllib.loads((files(__package__) / "formats.toml").read_text("utf-8"))

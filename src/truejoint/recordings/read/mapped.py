@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from functools import cache
-from importlib.resources import files
 from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
@@ -178,16 +175,9 @@ def read_truth(
     >>> list(read_truth("encoder.csv", robot="davinci_grasper").columns)
     ['truth/jaw']
     """
-    table = read_table(Path(path), robot, arm, column_map, rate, needed="truth")
-    columns = dict(table.columns)
-    t = columns.pop("t")
-    return Stream(t, {name: v for name, v in columns.items() if name.startswith("truth/")})
-
-
-def _parts(columns: ColumnMap) -> tuple[str, ...]:
-    """Files of a folder that a map takes its columns from, each once."""
-    names = (str(mapped.column).partition("[")[0] for mapped in columns.columns.values())
-    return tuple(f"{name}.npy" for name in dict.fromkeys(names))
+    columns = read_table(Path(path), robot, arm, column_map, rate, needed="truth").columns
+    truth = {name: v for name, v in columns.items() if name.startswith("truth/")}
+    return Stream(columns["t"], truth)
 
 
 @dataclass(frozen=True)
@@ -201,11 +191,11 @@ class Table:
     dropped: Mapping[str, int]
     notes: str = ""
 
-    def recordings(self, path: Path, **about: Any) -> list[Recording]:
-        """Make the recordings of the file at `path`; `about` as `recordings_of_file` takes it."""
-        notes = "; ".join(filter(None, (self.notes, about.get("notes", ""))))
-        about |= {"sha256": self.sha256, "dropped": self.dropped, "notes": notes}
-        return recordings_of_file(path, self.robot, self.columns, self.units, **about)
+    def recordings(self, path: Path) -> list[Recording]:
+        """Make the recordings of the file at `path`."""
+        about = {"sha256": self.sha256, "notes": self.notes}
+        dropped = self.dropped
+        return recordings_of_file(path, self.robot, self.columns, self.units, dropped, **about)
 
 
 def read_table(
@@ -222,50 +212,47 @@ def read_table(
     Without a map the first line of a text must name columns, in SI units, and others than ours are
     left out; arrays need a map. Without a robot one is made of the columns' joints, in rad. In a
     MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
-    holds several signals; a star stands for any letters. Any file may be in gzip. `robot` and `arm`
-    overrule those of the column map, `rate` [Hz] stands in for time stamps. One column must be of
-    the quantity `needed`.
+    holds several signals, and so it is in a folder of .npy files; a star stands for any letters.
+    Any file may be in gzip. `robot` and `arm` overrule those of the column map, `rate` [Hz] stands
+    in for time stamps. One column must be of the quantity `needed`.
     """
-    head = head or Head.of(path)
-    if head.is_text:
+    head = head or (None if path.is_dir() else Head.of(path))
+    if head and head.is_text:
         header = read_header(head, column_map, rate)
         machine, notes = _robot(path, header.columns, robot, arm, needed)
-        left_out = f"left out: {', '.join(header.left_out)}" if header.left_out else ""
-        notes = "; ".join(filter(None, (notes, left_out)))
-        return replace(read_text(header, machine, may_miss=True), notes=notes)
+        table = read_text(header, machine)
+        return replace(table, notes="; ".join(filter(None, (notes, header.left_out))))
     if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
     columns = _timed(path, read_column_map(column_map), rate)
     machine, notes = _robot(path, columns, robot, arm, needed)
-    return replace(_read_arrays(path, columns, machine, head), notes=notes)
+    return replace(_in_si(path, columns, machine, *_arrays(path, columns, head)), notes=notes)
 
 
-def read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table:
-    """Columns of a text file; any value may be missing, or none but those of a last line."""
-    use = [*header.positions.values()]
-    table = read_numbers(header.path, header.layout, use, use if may_miss else ())
+def read_text(header: Header, robot: Robot) -> Table:
+    """Columns of a text file, in which any value may be missing."""
+    table = read_numbers(header.path, header.layout, [*header.positions.values()])
     columns = dict(zip(header.positions, table.values.T, strict=True))
     return _in_si(header.path, header.columns, robot, columns, table.sha256, table.incomplete)
 
 
-def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None = None) -> Table:
-    """Columns of a file of arrays, or of a folder of .npy files."""
+def _arrays(path: Path, columns: ColumnMap, head: Head | None) -> tuple[dict[str, Array], str]:
+    """Columns of a file of arrays, or of a folder of .npy files, as they stand; their SHA-256."""
     if head is not None and head.data.startswith(NPY_MAGIC):
         table, digest = read_npy(path)
         use = _positions(path, columns, None, table.shape[1])
-        return _in_si(path, columns, robot, {name: table[:, k] for name, k in use.items()}, digest)
+        return {name: table[:, k] for name, k in use.items()}, digest
+    names = {name: str(mapped.column) for name, mapped in columns.columns.items()}
     variables: dict[str, Array] = {}
-    if head is None:
-        for part in _parts(columns):
-            array, digest = read_npy(path / part)
-            variables[part.removesuffix(".npy")] = array.T
-    else:
+    if head is not None:
         data, digest = read_bounded(path)
         variables = read_mat(data, str(path))
-    names = {name: str(mapped.column) for name, mapped in columns.columns.items()}
+    else:
+        for part in dict.fromkeys(name.partition("[")[0] for name in names.values()):
+            array, digest = read_npy(path / f"{part}.npy")
+            variables[part] = array.T
     rows = _signal(path, variables, names["t"]).size if "t" in names else 0
-    signals = {ours: _signal(path, variables, name, rows) for ours, name in names.items()}
-    return _in_si(path, columns, robot, signals, digest)
+    return {ours: _signal(path, variables, name, rows) for ours, name in names.items()}, digest
 
 
 @dataclass(frozen=True)
@@ -276,7 +263,7 @@ class Header:
     columns: ColumnMap
     positions: Mapping[str, int]
     layout: TextLayout
-    left_out: tuple[str, ...] = ()
+    left_out: str = ""
 
 
 def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0.0) -> Header:
@@ -286,8 +273,8 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
     """
     mapping = read_column_map(column_map) if column_map is not None else None
     how = (mapping.comment, mapping.delimiter) if mapping else ()
-    left_out: tuple[str, ...] = ()
     layout, fields, named = text_layout(head, *how)
+    left_out: list[str] = []
     if mapping is None:
         if not named:
             raise RecordingError(
@@ -296,11 +283,12 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
             )
         ours = [name for name in fields if all(name.partition("/"))]
         ours = ["t", *ours] if ours and "t" in fields else ours or fields
-        left_out = tuple(name for name in fields if name not in ours)
+        left_out = [name for name in fields if name not in ours]
         mapping = ColumnMap({name: MappedColumn(name) for name in ours})
     mapping = _timed(head.path, mapping, rate)
     positions = _positions(head.path, mapping, fields if named else None, len(fields))
-    return Header(head.path, mapping, positions, layout, left_out)
+    notes = f"left out: {', '.join(left_out)}" if left_out else ""
+    return Header(head.path, mapping, positions, layout, notes)
 
 
 def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
@@ -423,89 +411,17 @@ def _positions(
     """Position in the file of every mapped column."""
     use = {}
     for name, mapped in mapping.columns.items():
-        column, why = mapped.column, ""
+        column = mapped.column
         if isinstance(column, int):
-            if column >= count:
-                why = (
-                    f"{name!r} is to be column {column}, but there are {count} columns, counted "
-                    "from 0; correct the column map"
-                )
-            use[name] = column
-        elif header is None:
-            why = (
-                f"has no header, so column {column!r} cannot be found; give its position in the "
-                "column map"
-            )
-        elif header.count(column) != 1:
-            often = "twice" if column in header else "not there"
-            why = f"column {column!r} is {often}; the header has {', '.join(header)}"
+            places = [column] if column < count else []
+            why = f"there are {count} columns, counted from 0"
         else:
-            use[name] = header.index(column)
-        if why:
-            raise RecordingError(f"{path}: {why}")
-    return use
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Layout of a public file; `layouts.toml` says what each field means."""
-
-    columns: Annotated[ColumnMap, schema.Key("map")]
-    fields: int = 0
-    mark: str = ""
-    mark_at: int = -1
-    nominal_rate: Annotated[float, schema.Key("nominal_hz")] = 0.0
-    session: str = ""
-    homing_id: str = ""
-    folder: bool = False
-    notes: str = ""
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Names of the files in a folder of this layout."""
-        return _parts(self.columns) if self.folder else ()
-
-    def is_marked(self, head: bytes) -> bool:
-        """Whether a file that begins with `head` has the mark, a text in its first comment."""
-        at = head.find(self.mark.encode())
-        begins = not self.fields or head.startswith(self.columns.comment.encode())
-        return bool(self.mark) and at >= 0 and self.mark_at in (-1, at) and begins
-
-
-@cache
-def layouts() -> Mapping[str, tuple[Layout, ...]]:
-    """Layouts of each format by its name."""
-    table = tomllib.loads((files(__package__) / "layouts.toml").read_text("utf-8"))
-    return {name: tuple(schema.read(Layout, r, name) for r in rows) for name, rows in table.items()}
-
-
-def find_layout(fits: Callable[[Layout], bool]) -> str:
-    """Name of the first format with a layout that fits; empty if there is none."""
-    return next((name for name, rows in layouts().items() if any(map(fits, rows))), "")
-
-
-def read_layout(path: Path, layout: str, head: Head | None = None) -> list[Recording]:
-    """Read a file, or a folder, of the format called `layout`; text may be in gzip."""
-    rows = layouts()[layout]
-    row = rows[0]
-    if row.folder and not path.is_dir():
-        parts = ", ".join(row.parts)
-        raise RecordingError(f"{path}: is not a folder; name the folder that holds {parts}")
-    head = None if row.folder else head or Head.of(path)
-    if row.fields and head:
-        count = text_layout(head, row.columns.comment, row.columns.delimiter)[0].columns
-        if count not in [row.fields for row in rows]:
-            expected = " or ".join(str(row.fields) for row in rows)
+            places = [k for k, field in enumerate(header or ()) if field == column]
+            why = f"the header has {', '.join(header)}" if header else "there is no header"
+        if len(places) != 1:
+            often = "there twice" if places else "not there"
             raise RecordingError(
-                f"{path}: {count} columns, expected {expected}; is it such a file?"
+                f"{path}: column {column!r} is {often}, for {name!r}; {why}: correct the column map"
             )
-        row = next(row for row in rows if row.fields == count)
-    machine = get_robot(row.columns.robot, row.columns.arm)
-    if head and head.is_text:  # of which no value but the last line's may be missing
-        table = read_text(read_header(head, row.columns), machine)
-    else:
-        table = _read_arrays(path, row.columns, machine, head)
-    place = {"name": path.name.partition(".")[0], "folder": path.resolve().parent.name}
-    facts = {"session": row.session, "homing_id": row.homing_id}
-    stated = {key: text.format(**place) for key, text in facts.items() if text}
-    return table.recordings(path, rate=row.nominal_rate, notes=row.notes, **stated)
+        use[name] = places[0]
+    return use

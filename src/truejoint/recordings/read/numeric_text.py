@@ -45,17 +45,15 @@ class NumericTable(NamedTuple):
     incomplete: int  # lines at the end that were cut short and left out: 0 or 1
 
 
-def read_numbers(
-    path: Path, layout: TextLayout, use: Sequence[int], may_miss: Sequence[int] = ()
-) -> NumericTable:
-    """Columns `use` of a text file of numbers, or of one in gzip; `may_miss` of them may be empty.
+def read_numbers(path: Path, layout: TextLayout, use: Sequence[int]) -> NumericTable:
+    """Columns `use` of a text file of numbers, or of one in gzip; any of these may be empty.
 
     A last line with too few numbers is what an interrupted recorder leaves behind: it is left out
-    and counted. A RecordingError names line, column and text of any other field that is missing or
-    not a number, a line with too many or too few fields, or says that the file holds too much.
+    and counted. A RecordingError names line, column and text of any field that is not a number, a
+    line with too many or too few fields, or says that the file holds too much.
     """
     # The last column tells a short line from a whole one.
-    wanted = {column: column in may_miss for column in sorted({*use, layout.columns - 1})}
+    wanted = {column: column in use for column in sorted({*use, layout.columns - 1})}
     pieces: list[Array] = []
     room = most = MAX_VALUES // len(wanted)
     incomplete = 0

@@ -12,7 +12,6 @@ factor brings all of them to rad and m.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -21,7 +20,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.crtk.messages import PROFILES, RAVEN_FIELDS, RUN_LEVELS
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.mapped import (
     CUT_SHORT,
@@ -36,16 +35,13 @@ from truejoint.recordings.table.recording import Recording, runs
 from truejoint.robots import Robot, get_robot
 
 STATE_COLUMNS: Final = 240
-# First columns in the 252-column layout: external encoders of shoulder, elbow and insertion, the
-# seven joints of CRTK's measured_js, the robot's state.
-TRAINING_COLUMNS: Final = 252
-WITH_FORCE_COLUMNS: Final = 256
-FORMATS: Final = {240: "raven_csv_240", 252: "raven_csv_252", 256: "raven_csv_252"}
-"""Name of the format by the number of its columns."""
+# In a training file external encoders of shoulder, elbow and insertion, and the seven joints of
+# CRTK's measured_js, stand before the robot's state.
+COUNTS: Final = (STATE_COLUMNS, 252, 256)
+"""Numbers of columns that such files have."""
 EXTERNAL, CRTK, STATE_START = 1, 5, 12
 AMID: Final = "homing, after rows that are kept"
 
-_DEG: Final = math.pi / 180.0
 # First column of each block of 16 in the 240-column layout, by the message's field: 8 channels of
 # the gold arm (left), then 8 of the green one (right).
 _FIRST: Final = {
@@ -67,20 +63,12 @@ _OF_ARM: Final[dict[str, tuple[int, tuple[str, ...], float]]] = {
 }
 _OF_STATE: Final = {"state/run_level": 17, "state/sub_level": 18, "state/last_seq": 19}
 
-# Units that the external encoders may be written in: shoulder, elbow, insertion. Their driver
-# counts in 2 pi/80000 rad and 5 um (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
-# func_raven_joint_encodersIII.py), so rad and m is what it publishes; files that were worked on
-# since may differ.
-TRUTH_UNITS: Final[Mapping[str, tuple[float, float, float]]] = {
-    "rad_m": (1.0, 1.0, 1.0),
-    "deg_m": (_DEG, _DEG, 1.0),
-    "deg_mm": (_DEG, _DEG, 1e-3),
-    "ravenstate": (_DEG, _DEG, _DEG),
-}
 ENCODER_ZERO: Final = "encoders"
 TRUTH_ZEROS: Final = (ENCODER_ZERO, "robot")
 """Zeros that the external encoders may count from: that of their driver, or that of the robot."""
-# Truth further from measured than this is in another unit: the raw error of the arm is about
+# The encoders' driver counts in 2 pi/80000 rad and 5 um (uw-biorobotics/
+# raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py), so it publishes rad
+# and m. Truth further from measured than this is in another unit: the raw error of the arm is about
 # 8 deg and 12 mm (peng2024, Table I), a home-made zero a little more.
 _PLAUSIBLE: Final = (math.radians(25.0), math.radians(25.0), 0.06)
 
@@ -89,64 +77,77 @@ _FROZEN_TIME: Final = 1.0
 _FROZEN_TRAVEL: Final = (math.radians(5.0), math.radians(5.0), 0.005)
 
 
-def read_240(path: Path, arm: str = "left", head: Head | None = None) -> list[Recording]:
-    """Read the robot's state, 240 columns, no header, no truth; text or gzip.
+def read(
+    path: Path,
+    arm: str = "left",
+    truth_zero: str = "",
+    head: Head | None = None,
+) -> list[Recording]:
+    """Read a file of the robot's state, with the external encoders or without; text or gzip.
 
     Every field of the state, for the `arm`: of its 8 channels ``measured``, ``velocity``,
     ``effort`` [Nm at the motor's capstan], ``setpoint``, ``motor``, ``motor_velocity``,
     ``motor_setpoint``, ``encoder`` and ``encoder_offset`` [counts], ``dac``; ``tool`` [m] and
     ``rotation`` with their setpoints, ``jacobian_velocity``, ``jacobian_force`` (which repeats the
-    velocity), ``state``.
-    Rows recorded while homing are left out and counted.
+    velocity), ``state``. Rows recorded while homing are left out and counted.
+
+    A training file, of 252 or 256 columns, has ``crtk`` besides, the joint state that CRTK
+    publishes [rad, m], and ``truth`` of shoulder, elbow and insertion [rad, rad, m]; one in another
+    unit, by the measured positions, is refused. It counts from one of `TRUTH_ZEROS`; from that of
+    the encoders' driver, the default, what RAVEN-II's profile says is added, as it is to the truth
+    of bags and topics. The file repeats the nearest reading for every row, so a sensor that stopped
+    shows as a truth that stands still while the motors turn: such stretches become NaN and are
+    counted.
     """
-    robot = get_robot("raven2", arm)
-    return _recordings(path, _read(head or Head.of(path), robot, _state(robot), STATE_COLUMNS))
+    robot, layout = get_robot("raven2", arm), text_layout(head or Head.of(path), "", ",")[0]
+    if layout.columns not in COUNTS:
+        raise RecordingError(
+            f"{path}: {layout.columns} columns, expected {' or '.join(map(str, COUNTS))}; for "
+            "another layout give a column map"
+        )
+    if truth_zero not in ("", *TRUTH_ZEROS):
+        raise RecordingError(f"{path}: {unknown('truth zero', truth_zero, TRUTH_ZEROS)}")
+    if truth_zero and layout.columns == STATE_COLUMNS:
+        raise RecordingError(f"{path}: has no truth; leave truth_zero out")
+    has_truth = layout.columns > STATE_COLUMNS
+    columns = _state(robot, STATE_START) | _training(robot) if has_truth else _state(robot)
+    positions = {name: int(mapped.column) for name, mapped in columns.items()}
+    table = read_text(Header(path, ColumnMap(columns), positions, replace(layout, skip=0)), robot)
+    if has_truth:
+        table = _with_truth(path, table, truth_zero or ENCODER_ZERO)
+    keep, homing = without_homing(table.columns["state/run_level"])
+    kept = {name: rows[keep] for name, rows in table.columns.items()}
+    dropped = dict(table.dropped)
+    cut_short = {CUT_SHORT: dropped.pop(CUT_SHORT)}
+    return replace(table, columns=kept, dropped=dropped | homing | cut_short).recordings(path)
 
 
-def read_252(
-    path: Path,
-    arm: str = "left",
-    truth_unit: str = "rad_m",
-    truth_zero: str = ENCODER_ZERO,
-    head: Head | None = None,
-) -> list[Recording]:
-    """Read a training file of the arm that carries external encoders, 252 or 256 columns.
-
-    As `read_240`, ``crtk``, the joint state that CRTK publishes [rad, m], and ``truth`` of
-    shoulder, elbow and insertion [rad, rad, m], which the file has in one of `TRUTH_UNITS`; one
-    that cannot be right, by the measured positions, is refused. It counts from one of
-    `TRUTH_ZEROS`; from that of the encoders' driver, what RAVEN-II's profile says is added, as it
-    is to the truth of bags and topics. The file repeats the nearest reading for every row, so a
-    sensor that stopped shows as a truth that stands still while the motors turn: such stretches
-    become NaN and are counted.
-    """
-    choices = {"unit": (truth_unit, [*TRUTH_UNITS]), "zero": (truth_zero, [*TRUTH_ZEROS])}
-    for name, (value, names) in choices.items():
-        if value not in names:
-            raise RecordingError(
-                f"truth {name} {value!r:.60} is not known; choose from {', '.join(names)}"
-            )
-    robot = get_robot("raven2", arm)
-    columns = _state(robot, STATE_START)
-    for k, joint in enumerate(robot.joint_names):
-        columns[f"crtk/{joint}"] = MappedColumn(CRTK + k, robot.joint(joint).unit)
-    sensors = {f"truth/{j}": MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)}
-    counts = TRAINING_COLUMNS, WITH_FORCE_COLUMNS
-    table = _read(head or Head.of(path), robot, columns | sensors, *counts)
-    raw = np.column_stack([table.columns[name] for name in sensors])
-    measured = np.column_stack([table.columns[f"measured/{j}"] for j in robot.positioning])
-    _check_truth_unit(path, robot, raw, measured, truth_unit)
-    truth = raw * TRUTH_UNITS[truth_unit]
+def _with_truth(path: Path, table: Table, truth_zero: str) -> Table:
+    """Give the truth its zero, and none where its sensor stood still; refuse another unit."""
+    joints = table.robot.positioning
+    truth, measured = (
+        np.column_stack([table.columns[f"{quantity}/{joint}"] for joint in joints])
+        for quantity in ("truth", "measured")
+    )
+    finite = np.isfinite(truth).all(axis=1)
+    if not finite.any():
+        raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
+    plausible = np.median(np.abs(truth[finite] - measured[finite]), axis=0) < _PLAUSIBLE
+    if not plausible.all():
+        joint = joints[int(np.argmin(plausible))]
+        raise RecordingError(
+            f"{path}: truth of {joint} is far from its measured position when read in rad and m; "
+            "check units and arm"
+        )
     frozen = frozen_rows(table.columns["t"], truth, measured)
     truth[frozen] = np.nan
-    notes, profile = "", PROFILES[robot.name]
+    notes, profile = "", PROFILES[table.robot.name]
     if truth_zero == ENCODER_ZERO:
-        truth += [profile.truth_offsets.get(joint, 0.0) for joint in robot.positioning]
+        truth += [profile.truth_offsets.get(joint, 0.0) for joint in joints]
         notes = profile.truth_note
     dropped = {**table.dropped, "no truth: its sensor stands still": int(frozen.sum())}
-    columns_of_truth = dict(zip(sensors, truth.T, strict=True))
-    table = replace(table, columns={**table.columns, **columns_of_truth}, dropped=dropped)
-    return _recordings(path, table, notes)
+    columns = dict(zip((f"truth/{joint}" for joint in joints), truth.T, strict=True))
+    return replace(table, columns={**table.columns, **columns}, dropped=dropped, notes=notes)
 
 
 def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
@@ -185,47 +186,8 @@ def _state(robot: Robot, start: int = 0) -> dict[str, MappedColumn]:
     return columns | {name: MappedColumn(start + k) for name, k in _OF_STATE.items()}
 
 
-def _read(head: Head, robot: Robot, columns: dict[str, MappedColumn], *counts: int) -> Table:
-    """Columns of a file that has one of `counts` of them, any of which may be empty."""
-    layout = replace(text_layout(head, "", ",")[0], skip=0)
-    if layout.columns not in counts:
-        raise RecordingError(
-            f"{head.path}: {layout.columns} columns, expected {counts[0]}; the RAVEN layouts have "
-            f"{STATE_COLUMNS}, {TRAINING_COLUMNS} or {WITH_FORCE_COLUMNS}: for another one give a "
-            "column map"
-        )
-    positions = {name: int(mapped.column) for name, mapped in columns.items()}
-    header = Header(head.path, ColumnMap(columns), positions, layout)
-    return read_text(header, robot, may_miss=True)
-
-
-def _recordings(path: Path, table: Table, notes: str = "") -> list[Recording]:
-    keep, homing = without_homing(table.columns["state/run_level"])
-    columns = {name: rows[keep] for name, rows in table.columns.items()}
-    dropped = dict(table.dropped)
-    cut_short = {CUT_SHORT: dropped.pop(CUT_SHORT)}
-    table = replace(table, columns=columns, dropped=dropped | homing | cut_short)
-    return table.recordings(path, notes=notes)
-
-
-def _check_truth_unit(
-    path: Path, robot: Robot, raw: Array, measured: Array, truth_unit: str
-) -> None:
-    finite = np.isfinite(raw).all(axis=1)
-    if not finite.any():
-        raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
-    distances = {
-        unit: np.median(np.abs(raw[finite] * factors - measured[finite]), axis=0)
-        for unit, factors in TRUTH_UNITS.items()
-    }
-    fits = {unit: distance < _PLAUSIBLE for unit, distance in distances.items()}
-    if not fits[truth_unit].all():
-        joint = robot.positioning[int(np.argmin(fits[truth_unit]))]
-        other = next((unit for unit in TRUTH_UNITS if fits[unit].all()), "")
-        advice = (
-            f"it would fit truth_unit={other!r} (--metadata)" if other else "check units and arm"
-        )
-        raise RecordingError(
-            f"{path}: truth of {joint} is far from its measured position when read as "
-            f"{truth_unit!r}; {advice}"
-        )
+def _training(robot: Robot) -> dict[str, MappedColumn]:
+    """Columns of a training file that stand before the robot's state."""
+    sensors = {f"truth/{j}": MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)}
+    units = enumerate((joint.name, joint.unit) for joint in robot.joints)
+    return {f"crtk/{name}": MappedColumn(CRTK + k, unit) for k, (name, unit) in units} | sensors

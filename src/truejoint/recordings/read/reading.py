@@ -13,8 +13,8 @@ from truejoint.recordings.bounded_file import Head, require_file
 from truejoint.recordings.read import mapped, raven_csv
 from truejoint.recordings.read.bags.container import is_bag
 from truejoint.recordings.read.formats import FORMATS, format_names, get_format
-from truejoint.recordings.read.mapped import MapSource, find_layout, layouts
-from truejoint.recordings.read.numeric_text import is_number, split_fields
+from truejoint.recordings.read.mapped import MapSource
+from truejoint.recordings.read.numeric_text import text_layout
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import Recording, as_recordings
 from truejoint.recordings.table.stream_file import SUFFIX, TOPICS_SUFFIX
@@ -37,8 +37,8 @@ def read_recording(
         One of `format_names`; found out from the content by default, if it is truejoint's own.
     **context
         What the file does not say: ``robot``, ``arm``, ``column_map``, ``rate`` [Hz] of a file
-        without time stamps, ``truth_unit`` and ``truth_zero``, for the formats that take them (see
-        `FORMATS`); ``load`` [kg], ``homing_id``, ``session`` and ``notes`` for any.
+        without time stamps, ``truth_zero``, for the formats that take them (see `FORMATS`);
+        ``load`` [kg], ``homing_id``, ``session`` and ``notes`` for any.
 
     Raises
     ------
@@ -173,21 +173,19 @@ def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
     if is_bag(source, head.data if head else b""):
         return "bag"
     if head is None:
-        why = "a folder that is neither a bag nor one of .npy files known here"
-        name = find_layout(
-            lambda row: bool(row.parts) and all((source / part).is_file() for part in row.parts)
-        )
+        why = "a folder that is no bag"
     elif head.data.startswith(PARQUET_MAGIC):
         return "parquet"
     elif source.suffix == SUFFIX:
         return "arrows"
     elif with_map:
         return "csv" if head.is_text else "arrays"
-    elif not (name := find_layout(lambda row: row.is_marked(head.data))):
-        why = "not text and of no known binary layout"
-        name, why = _detect_text(head) if head.is_text else ("", why)
-    if name:
-        return name
+    elif not head.is_text:
+        why = f"not text and of no known binary layout; {mapped.MAP_ADVICE}"
+    else:
+        name, why = _detect_text(head)
+        if name:
+            return name
     raise RecordingError(
         f"{source}: format not recognised ({why}); known: {', '.join(format_names())}"
     )
@@ -195,14 +193,10 @@ def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
 
 def _detect_text(head: Head) -> tuple[str, str]:
     """Name of the layout of a text, empty if there is none, and why there may be none."""
-    line = head.first_line("#")[1]
-    fields = split_fields(line, ",")
-    if not all(map(is_number, fields)):
-        names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
-        ours = "t" in names or any(name.startswith("measured/") for name in names)
+    layout, fields, named = text_layout(head)
+    if named:
+        ours = "t" in fields or any(field.startswith("measured/") for field in fields)
         return "csv" if ours else "", f"a header without 't'; {mapped.MAP_ADVICE}"
-    by_count = dict(raven_csv.FORMATS)
-    for name, rows in layouts().items():
-        by_count |= {row.fields: name for row in rows if row.fields and not row.mark}
-    counts = f"{len(fields)} columns without a header, expected {', '.join(map(str, by_count))}"
-    return by_count.get(len(fields), ""), f"{counts}; {mapped.MAP_ADVICE}"
+    expected = ", ".join(map(str, raven_csv.COUNTS))
+    why = f"{layout.columns} columns without a header, expected {expected}; {mapped.MAP_ADVICE}"
+    return "raven_csv" if layout.columns in raven_csv.COUNTS else "", why

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.crtk.messages import crtk_name
@@ -19,11 +17,10 @@ from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.bags.container import is_bag
 from truejoint.recordings.read.bags.reading import Bags, bag_topics, read_topic
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
-from truejoint.recordings.table.parquet import PARQUET_MAGIC, check_size
 from truejoint.recordings.table.stream import forward_rows
 from truejoint.units import FACTORS
 
-POINT: Final = ("x", "y", "z")
+_COLUMNS: Final = ("t", "x", "y", "z")
 QUATERNION: Final = ("qx", "qy", "qz", "qw")
 UNITS: Final = FACTORS["m"]
 """Units that the points of a file may be in, and how many m each is."""
@@ -157,9 +154,9 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     Parameters
     ----------
     path : path-like or sequence of path-like
-        Text or Parquet with columns ``t`` [s], ``x``, ``y``, ``z`` and, of poses, ``qx``, ``qy``,
-        ``qz``, ``qw``; others are passed over. Or bags with a topic of ``geometry_msgs``:
-        ``PointStamped``, ``PoseStamped``, ``PoseWithCovarianceStamped``, ``TransformStamped``.
+        Text with columns ``t`` [s], ``x``, ``y``, ``z`` and, of poses, ``qx``, ``qy``, ``qz``,
+        ``qw``; others are passed over. Or bags with a topic of ``geometry_msgs``: ``PointStamped``,
+        ``PoseStamped``, ``PoseWithCovarianceStamped``, ``TransformStamped``.
     topic : str
         Of a bag; by default the only one of these types that is not the arm's own.
     unit : {"m", "mm"}
@@ -184,8 +181,7 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
-    head = Head(source, b"") if source.is_dir() else Head.of(source)
-    name = source.name
+    head, name = Head(source, b"") if source.is_dir() else Head.of(source), source.name
     if len(sources) > 1 or is_bag(source, head.data):
         if unit != "m":
             raise RecordingError(f"{source}: a bag's points are in m; leave the unit out")
@@ -193,45 +189,21 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     elif topic:
         raise RecordingError(f"{source}: is no bag, so it has no topic; leave {topic!r} out")
     else:
-        values = _parquet(source) if head.data.startswith(PARQUET_MAGIC) else _text(head)
+        values = _read_text(head)
     turns = values[:, 4:] if values.shape[1] > 4 else None
     return Track.of_readings(values[:, 0], values[:, 1:4] * UNITS[unit], turns, name)
 
 
-def _wanted(source: Path, header: Sequence[str]) -> list[str]:
-    """Columns to read, of those that a file has."""
-    needed = ["t", *POINT]
-    missing = [name for name in needed if name not in header]
-    turns = [name for name in QUATERNION if name in header]
-    if missing or len(turns) not in (0, len(QUATERNION)):
-        raise RecordingError(
-            f"{source}: is no file of points: it has columns {', '.join(header)[:200]}, and needs "
-            f"{', '.join(needed)} [s, m], of poses also {', '.join(QUATERNION)}"
-        )
-    return needed + turns
-
-
-def _text(head: Head) -> Array:
+def _read_text(head: Head) -> Array:
+    """Columns of a text file: stamps, points, of poses also orientations."""
     layout, header, named = text_layout(head)
-    if not named:
-        header = [f"column {k + 1} without a name" for k in range(len(header))]
-    use = [header.index(name) for name in _wanted(head.path, header)]
-    return read_numbers(head.path, layout, use, use).values
-
-
-def _parquet(source: Path) -> Array:
-    try:
-        with source.open("rb") as raw, pq.ParquetFile(raw) as file:
-            names = _wanted(source, file.schema_arrow.names)
-            check_size(source, file)
-            table = file.read(columns=names, use_threads=False)
-            return np.column_stack([table[n].to_numpy().astype(np.float64) for n in names])
-    except RecordingError:
-        raise
-    except (pa.ArrowException, OSError, TypeError, ValueError) as error:
+    names = [*_COLUMNS, *(name for name in QUATERNION if name in header)]
+    if not (named and {*names} <= {*header} and len(names) in (4, 8)):
         raise RecordingError(
-            f"{source}: is not a whole Parquet file of numbers ({str(error)[:100]}); write it again"
-        ) from None
+            f"{head.path}: is no file of points: it begins with {', '.join(header)[:200]}, and "
+            f"needs columns {', '.join(_COLUMNS)} [s, m], of poses also {', '.join(QUATERNION)}"
+        )
+    return read_numbers(head.path, layout, [header.index(name) for name in names]).values
 
 
 def _read_bags(sources: Sequence[Path], topic: str) -> tuple[Array, str]:

@@ -353,18 +353,15 @@ def recordings_of_file(
     path: Path,
     robot: Robot | str,
     columns: Mapping[str, Array],
-    units: Mapping[str, str] | None = None,
-    *,
-    rate: float = 0.0,
-    dropped: Mapping[str, int] | None = None,
+    units: Mapping[str, str],
+    dropped: Mapping[str, int],
     **about: Any,
 ) -> list[Recording]:
     """Make recordings of a file's columns (n,): one, or one for each session if its clock restarts.
 
     Rows in which a value other than truth is missing are left out, of rows with the same stamp all
     but the last; both are counted beside what was `dropped` before. Stamps since 1970 are counted
-    from the first row. The session is the file's name up to a dot unless stated. State and truth
-    are of `rate` [Hz]; where it is 0 the state is of that which its stamps show.
+    from the first row. The session is the file's name up to a dot unless stated.
     """
     robot = get_robot(robot) if isinstance(robot, str) else robot
     _check_shapes(columns, path.name)
@@ -381,11 +378,11 @@ def recordings_of_file(
     rows = np.flatnonzero(whole)[last]
     if len(rows) < whole.size:
         columns = {name: values[rows] for name, values in columns.items()}
-    counts = {**(dropped or {}), MISSING: missing, "repeated time stamp": int((~last).sum())}
+    counts = {**dropped, MISSING: missing, "repeated time stamp": int((~last).sum())}
     stated: dict[str, Any] = {
         "source": path.name,
         "session": path.name.partition(".")[0],
-        "rates": {"state": rate, "truth": rate} if rate else nominal_rates(state=columns["t"]),
+        "rates": nominal_rates(state=columns["t"]),
     }
     provenance = Provenance(robot.name, robot.arm, **(stated | about))
     sessions = _sessions(columns["t"])

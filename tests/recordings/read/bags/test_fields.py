@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings.read.bags import fields as decoding
 from truejoint.recordings.read.bags.container import Topic
-from truejoint.recordings.read.bags.fields import STAMP, Decoder, Lot, Series, full_name, typesys
+from truejoint.recordings.read.bags.fields import Decoder, Lot, Series, full_name, typesys
 
 SYSTEM = typesys()
 KINDS = {
@@ -78,14 +78,14 @@ def test_joint_states_of_any_length(encoding, messages):
         want.append(message)
     decoder = Decoder(topic_of(encoding, kind), ("position", "velocity", "effort"))
     seen = []
-    for rows, fields, texts in decoder.decode(raw):
-        for k, row in enumerate(rows):
+    for lot in decoder.decode([10**18] * len(raw), raw):
+        for k, row in enumerate(lot.places):
             seen.append(row)
             message = want[row]
-            assert list(texts["name"]) == message.name
-            assert fields[STAMP][k] == message.header.stamp.sec * 10**9 + row
+            assert list(lot.texts["name"]) == message.name
+            assert lot.stamps[k] == (message.header.stamp.sec * 10**9 + row or 10**18)
             for name in ("position", "velocity", "effort"):
-                np.testing.assert_array_equal(fields[name][k], getattr(message, name))
+                np.testing.assert_array_equal(lot.fields[name][k], getattr(message, name))
     assert sorted(seen) == list(range(len(messages)))
     assert not decoder.damaged
 
@@ -106,12 +106,13 @@ def test_messages_within_messages(encoding, words, values):
         last=-7,
     )
     decoder = Decoder(topic_of(encoding, kind), ("flag", "values", "last"))
-    ((rows, fields, texts),) = decoder.decode([serialise(encoding, message, kind)] * 3)
-    assert len(rows) == 3
-    assert (fields["last"] == -7).all()
-    assert (fields["flag"] == 3).all()
-    np.testing.assert_array_equal(fields["values"][2], values)
-    assert texts["parts[0].words"] == tuple(words)
+    (lot,) = decoder.decode([7] * 3, [serialise(encoding, message, kind)] * 3, first=5)
+    assert lot.places.tolist() == [5, 6, 7]
+    assert lot.stamps.tolist() == [7] * 3
+    assert (lot.fields["last"] == -7).all()
+    assert (lot.fields["flag"] == 3).all()
+    np.testing.assert_array_equal(lot.fields["values"][2], values)
+    assert lot.texts["parts[0].words"] == tuple(words)
 
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
@@ -130,7 +131,7 @@ def test_garbage_is_counted_or_read_but_never_breaks(encoding, data, cut):
     )
     decoder = Decoder(topic_of(encoding, kind), ("position",))
     raw = [data, good[:cut], good]
-    rows = [row for lot, _, _ in decoder.decode(raw) for row in lot]
+    rows = [row for lot in decoder.decode([0] * len(raw), raw) for row in lot.places]
     assert 2 in rows
     assert len(rows) + decoder.damaged == len(raw)
 
@@ -143,7 +144,7 @@ def test_layouts_that_never_repeat_are_refused(monkeypatch):
         raw.append(b"".join(len(w).to_bytes(4, "little") + w.encode() for w in words))
     topic = Topic("/t", "own/words", "string a\nstring b\nstring c\n", "ros1")
     with pytest.raises(RecordingError, match="change their lengths all the time"):
-        list(Decoder(topic, ()).decode(raw))
+        list(Decoder(topic, ()).decode([0] * len(raw), raw))
 
 
 @pytest.mark.parametrize(
@@ -171,15 +172,15 @@ def test_what_cannot_be_read_is_said(topic, said):
 def test_lists_of_a_type_that_holds_itself_are_counted_as_damage():
     topic = Topic("/t", "own/loop", "own/loop[1] again\n", "ros1")  # takes up no byte
     decoder = Decoder(topic, ())
-    assert not list(decoder.decode([b""]))
+    assert not list(decoder.decode([0], [b""]))
     assert decoder.damaged == 1
 
 
 def test_a_stamp_without_nanoseconds_is_none():
     text = "own/head header\n" + "=" * 80 + "\nMSG: own/head\nown/when stamp\n" + "=" * 80
     text += "\nMSG: own/when\nuint32 sec\n"
-    ((_, fields, _),) = Decoder(Topic("/t", "own/told", text, "ros1"), ()).decode([bytes([7] * 4)])
-    assert fields[STAMP].tolist() == [0]
+    (lot,) = Decoder(Topic("/t", "own/told", text, "ros1"), ()).decode([9], [bytes([7] * 4)])
+    assert lot.stamps.tolist() == [9]
 
 
 def test_types_without_a_definition_are_those_of_ros_2():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags import highlevel, rosbag1, rosbag2
+from tests.recordings.hostile import record
 from tests.recordings.marker_bag import bag_writer, header_at
 from tests.recordings.read.bags.conftest import make_session
 
@@ -29,6 +29,7 @@ from truejoint.recordings import (
     Provenance,
     Recording,
     bag_topics,
+    detect_format,
     read_bag,
     read_other_arm,
     read_topic,
@@ -42,8 +43,6 @@ from truejoint.recordings.read.bags.container import (
     CUT_SHORT,
     DAMAGED,
     MCAP_MAGIC,
-    UNPACKED_IN_PART,
-    ZSTD_MAGIC,
     read_batches,
 )
 from truejoint.recordings.read.bags.fields import Lot, full_name, typesys
@@ -74,10 +73,8 @@ def test_a_session_comes_back_to_the_last_bit(session, tmp_path, suffix, profile
     found = read_bag(path, profile=profile)
     same(found, session, quantities=("measured", "velocity", "effort", "setpoint"))
     assert found.provenance.start == pytest.approx(session.provenance.start, abs=1e-6)
-    for joint in session.joints_of("truth"):
-        np.testing.assert_allclose(
-            found.column(f"truth/{joint}"), session.column(f"truth/{joint}"), rtol=0, atol=1e-15
-        )
+    ours, theirs = (one.columns("truth", session.joints_of("truth")) for one in (found, session))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-15)
 
 
 def test_crtk_alone_has_all_bits(session, tmp_path):
@@ -85,16 +82,10 @@ def test_crtk_alone_has_all_bits(session, tmp_path):
     found = read_bag(
         tmp_path / "a.bag", "raven2", profile="raven2_mended", state="/arm1/measured_js"
     )
-    for joint in session.robot.joint_names:
-        np.testing.assert_array_equal(
-            found.column(f"measured/{joint}"), session.column(f"measured/{joint}")
-        )
-        np.testing.assert_array_equal(
-            found.column(f"setpoint/{joint}"), session.column(f"setpoint/{joint}")
-        )
-        np.testing.assert_allclose(
-            found.column(f"effort/{joint}"), session.column(f"effort/{joint}"), atol=1e-12
-        )
+    joints = session.robot.joint_names
+    for quantity, atol in (("measured", 0.0), ("setpoint", 0.0), ("effort", 1e-12)):
+        ours, theirs = (recording.columns(quantity, joints) for recording in (found, session))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-7 if atol else 0.0, atol=atol)
 
 
 def test_the_left_arm_is_where_the_profile_says(bag):
@@ -178,51 +169,29 @@ def test_packed_bags(bag, session, tmp_path, pack):
     same(read_bag(_rewritten(bag, tmp_path / "p.bag", pack=pack)), session)
 
 
+@pytest.mark.parametrize("read", [bag_topics, read_bag])
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
-def test_a_file_packed_as_a_whole_is_unpacked(session, tmp_path, suffix):
-    plain = _in_tables(session, tmp_path / "run")
-    if suffix == ".mcap":
-        plain = tmp_path / "run.mcap"
-    path = tmp_path / f"packed{suffix}.zstd"
-    packed = zstd.compress(plain.read_bytes())
-    path.write_bytes(packed)
-    assert bag_topics(path)["/ext_jpos"][0] == "sensor_msgs/JointState"
-    found = read_bag(path)
-    same(found, session)
-    assert found.provenance.source == path.name
-    path.write_bytes(packed[: len(packed) - 10])
-    lost: Counter[str] = Counter()
-    list(read_batches(path, lambda _: True, lost))
-    assert lost[UNPACKED_IN_PART] == 1
+def test_a_file_packed_as_a_whole_is_refused_with_what_to_do(tmp_path, suffix, read):
+    path = tmp_path / f"run_0{suffix}.zstd"
+    path.write_bytes(zstd.compress(MCAP_MAGIC + bytes(1 << 27)))
+    for bag in (path, tmp_path):
+        said = rf"run_0\{suffix}\.zstd: is packed as a whole; unpack it first: zstd -d run_0"
+        with pytest.raises(RecordingError, match=said):
+            read(bag)
+    assert detect_format(path) == "bag"
 
 
-def test_what_is_packed_and_damaged_is_counted(session, tmp_path):
-    write_bag(session, tmp_path / "a.mcap")
-    packed = bytearray(zstd.compress((tmp_path / "a.mcap").read_bytes()))
-    frame = len(ZSTD_MAGIC)
-    packed[frame : frame + 8] = b"\xff" * 8
-    (tmp_path / "a.mcap.zstd").write_bytes(packed)
-    lost: Counter[str] = Counter()
-    with suppress(RecordingError):  # nothing is left of it
-        list(read_batches(tmp_path / "a.mcap.zstd", lambda _: True, lost))
-    assert lost == {UNPACKED_IN_PART: 1}
+def test_nothing_comes_of_what_is_packed_and_damaged():
+    packed = bytearray(zstd.compress(bytes(1000)))
+    packed[4:12] = b"\xff" * 8
     assert not Allowance("a chunk", 1 << 20).unpack(bytes(packed), "zstd")
-
-
-def test_an_endless_file_packed_as_a_whole_is_refused(tmp_path):
-    bomb = tmp_path / "run.mcap.zstd"
-    bomb.write_bytes(zstd.compress(MCAP_MAGIC + bytes(1 << 27)))
-    with pytest.raises(RecordingError, match=r"run\.mcap\.zstd: unpacks to more than"):
-        bag_topics(bomb)
+    assert not Allowance("a chunk", 1 << 20).unpack(zstd.compress(b"a"), "brotli")
 
 
 def test_what_a_correcting_node_says_is_neither_state_nor_truth(bag, session, tmp_path):
     # Its topics look like a jaw's joints, and like joint sensors.
-    def renamed(topic: str) -> str:
-        names = {"/ext_jpos": "/arm2/corrected/half_width"}
-        return names.get(topic, topic)
-
-    path = _rewritten(bag, tmp_path / "c.bag", rename=renamed)
+    names = {"/ext_jpos": "/arm2/corrected/half_width"}
+    path = _rewritten(bag, tmp_path / "c.bag", rename=lambda topic: names.get(topic, topic))
     found = read_bag(path)
     same(found, session)
     assert not found.joints_of("truth")
@@ -317,44 +286,41 @@ def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix, shar
         path = _rewritten(path, tmp_path / "small.bag")
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    if suffix == ".mcap":  # one packed chunk: nothing of it unpacks, or some does
-        try:
-            found = read_bag(path)
-        except RecordingError as error:
-            said = str(error)
-        else:
-            said = ""
-        if said:
-            assert "no message" in said or "which robot" in said
-            return
-    else:
+    said = ""
+    try:
         found = read_bag(path)
+    except RecordingError as error:
+        said = str(error)
+    if said:  # one packed chunk, of which nothing unpacks
+        assert suffix == ".mcap"
+        assert "no message" in said or "which robot" in said
+        return
     assert 0.5 * share * len(session) < len(found) < len(session)
     np.testing.assert_allclose(found.t, session.t[: len(found)], rtol=0, atol=1e-9)
     assert any("cut short" in reason for reason in found.provenance.dropped)
 
 
-def test_a_damaged_length_in_an_mcap_is_counted_by_what_the_file_has(tmp_path):
-    record = b"\x05" + (3).to_bytes(8, "little") + b"abc"  # a message too short to be one
-    endless = b"\x04" + (1 << 60).to_bytes(8, "little") + b"rest"
+def _chunk(content: bytes) -> bytes:
+    return record(6, bytes(32) + len(content).to_bytes(8, "little") + content + b"more")
+
+
+ENDLESS = b"\x04" + (1 << 60).to_bytes(8, "little") + b"rest"
+
+
+@pytest.mark.parametrize(
+    ("content", "counts"),
+    [
+        (record(5, b"abc"), {DAMAGED: 1}),  # a message too short to be one
+        (ENDLESS, {CUT_SHORT: len(ENDLESS)}),
+        (_chunk(b"\5\1\2"), {CUT_SHORT: 3}),
+        (_chunk(b"\5" + (8).to_bytes(8, "little") + b"short"), {CUT_SHORT: 14}),
+    ],
+)
+def test_what_is_damaged_in_an_mcap_is_counted_by_what_the_file_has(tmp_path, content, counts):
     path, lost = tmp_path / "run.mcap", Counter()
-    path.write_bytes(MCAP_MAGIC + record)
+    path.write_bytes(MCAP_MAGIC + content)
     assert not list(read_batches(path, lambda _: True, lost))
-    assert lost == {DAMAGED: 1}
-    path.write_bytes(MCAP_MAGIC + endless)
-    assert not list(read_batches(path, lambda _: True, lost))
-    assert lost == {DAMAGED: 1, CUT_SHORT: len(endless)}
-
-
-def test_what_a_chunk_of_an_mcap_lacks_is_counted(tmp_path):
-    lost: Counter[str] = Counter()
-    for left in (b"\x05\x01\x02", b"\x05" + (8).to_bytes(8, "little") + b"short"):
-        chunk = bytes(28) + bytes(4) + len(left).to_bytes(8, "little") + left + b"more"
-        record = b"\x06" + len(chunk).to_bytes(8, "little") + chunk
-        path = tmp_path / "run.mcap"
-        path.write_bytes(MCAP_MAGIC + record)
-        assert not list(read_batches(path, lambda _: True, lost))
-    assert lost == {CUT_SHORT: 3 + 14}
+    assert lost == counts
 
 
 @pytest.mark.parametrize(("arm", "space"), [("left", "arm1"), ("right", "arm2")])

@@ -13,7 +13,7 @@ from truejoint.array_types import Array
 from truejoint.crtk import messages
 from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.join.joining import cover_same_time, join_truth
-from truejoint.recordings.read.bags.fields import STAMP, Lot, Series, keep_rows
+from truejoint.recordings.read.bags.fields import Lot, Series, keep_rows
 from truejoint.recordings.read.raven_csv import without_homing
 from truejoint.recordings.table.recording import (
     MISSING,
@@ -243,7 +243,7 @@ def _series_of(
         if lot.topic == wiring.homed:
             columns = {HOMED: lot.numbers(HOMED, 1, place)[:, 0].astype(np.float64)}
         elif "runlevel" in lot.fields:
-            for name in lot.fields.keys() - {"runlevel", STAMP}:
+            for name in lot.fields.keys() - {"runlevel"}:
                 lot.numbers(name, _RAVEN_VALUES, place)
             columns = messages.raven_state_columns(robot, lot.fields, quantities)
             columns["state/run_level"] = lot.numbers("runlevel", 1, place)[:, 0].astype(np.float64)

@@ -2,10 +2,9 @@
 
 Every file is read once from its beginning, chunk by chunk, whether it has an index or not: so one
 that was never closed (``.bag.active``) or cut short gives what is in it, and a long one takes no
-more memory than a chunk. Which topics there are is read from the index, where there is one. One
-that was packed as a whole is first unpacked into a temporary file. Nothing that a file holds is
-run, and what it may unpack to has its bounds (`Allowance`). Layouts: wiki.ros.org/Bags/Format/2.0,
-mcap.dev/spec, and the tables of ros2/rosbag2:rosbag2_storage_sqlite3.
+more memory than a chunk. Which topics there are is read from the index, where there is one. Nothing
+that a file holds is run, and what it may unpack to has its bounds (`Allowance`). Layouts:
+wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, and the tables of ros2/rosbag2:rosbag2_storage_sqlite3.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from __future__ import annotations
 import io
 import sqlite3
 import struct
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
@@ -22,21 +20,15 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
 from truejoint.errors import RecordingError
-from truejoint.files import reason
-from truejoint.recordings.bounded_file import (
-    MOST_PIECE_BYTES,
-    Allowance,
-    DamagedError,
-    require_file,
-)
+from truejoint.recordings.bounded_file import MOST_PIECE_BYTES, Allowance, require_file
 
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\x00"
-ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+_ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+_PACKED: Final = (".mcap.zstd", ".db3.zstd")  # how a bag is called that was packed as a whole
 
 CUT_SHORT: Final = "bytes behind the last whole record of a file that was cut short"
-UNPACKED_IN_PART: Final = "file packed as a whole that was cut short or damaged"
 DAMAGED: Final = "chunks that do not unpack, or records of a wrong length"
 
 _HEADERS: Final = range(30, 1 << 20)  # bytes that a record's header may have
@@ -76,9 +68,8 @@ class Topic:
 
     name: str
     type: str  # as the bag names it, ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``
-    definition: str  # of the message; empty in old bags of ROS 2
+    definition: str  # of the message; empty where the bag has none in ROS's own language
     encoding: Literal["ros1", "cdr"]
-    language: Literal["msg", "idl"] = "msg"  # of the definition
 
 
 Batch = tuple[Topic, list[int], list[bytes]]
@@ -99,8 +90,8 @@ class _Bag:
     room: Allowance
     size: int  # bytes of it
     topics: dict[Any, Topic | None] = field(default_factory=dict)  # by key; None if not wanted
-    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
-    """Type, language and text of each definition of an MCAP."""
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Type and text of each definition of an MCAP."""
 
     def announce(self, key: object, topic: Topic, *, readable: bool = True) -> None:
         """Say which topic the messages with a key are of."""
@@ -127,9 +118,7 @@ def is_bag(path: Path, head: bytes) -> bool:
             named = [part.name.startswith(f"{path.name}_") for part in _parts(path)]
             return all(named) or (path / "metadata.yaml").exists()
         return False
-    return head.startswith(tuple(_KINDS)) or (
-        head.startswith(ZSTD_MAGIC) and bool(_inner_suffix(path))
-    )
+    return head.startswith(tuple(_KINDS)) or path.name.endswith(_PACKED)
 
 
 def list_topics(path: Path) -> dict[Topic, int]:
@@ -168,50 +157,32 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
 
 
 def _opened(
-    path: Path, wanted: Wanted, lost: Counter[str], packed: Path | None = None
+    path: Path, wanted: Wanted, lost: Counter[str]
 ) -> Iterator[tuple[_Kind, BinaryIO, _Bag]]:
     """Open each file of a bag behind the first bytes, which tell its kind.
 
-    Messages name the file that was `packed` as a whole. Raises RecordingError if it is no bag.
+    Raises RecordingError if it is no bag.
     """
-    shown = packed or path
-    if path.is_dir():
-        for part in _parts(path):
-            yield from _opened(part, wanted, lost)
-        return
-    with require_file(path).open("rb") as file:
-        head = file.read(len(SQLITE_MAGIC))
-        for magic, kind in _KINDS.items():
-            if head.startswith(magic):
-                file.seek(len(magic))
-                log = path.with_name(f"{path.name}-wal")  # where SQLite writes at first
-                size = path.stat().st_size + (log.stat().st_size if log.exists() else 0)
-                yield kind, file, _Bag(path, wanted, lost, Allowance.of_size(shown, size), size)
-                return
-        if head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
-            file.seek(0)
-            with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
-                plain = Path(folder) / path.stem
-                try:  # as far as it goes
-                    with plain.open("wb") as unpacked:
-                        room = Allowance.of_size(path, path.stat().st_size)
-                        unpacked.writelines(room.pieces(file, "zstd"))
-                except DamagedError:
-                    lost[UNPACKED_IN_PART] += 1
-                except OSError as error:
-                    raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
-                yield from _opened(plain, wanted, lost, path)
-            return
+    for part in _parts(path) if path.is_dir() else [path]:
+        with require_file(part).open("rb") as file:
+            head = file.read(len(SQLITE_MAGIC))
+            magic = next((magic for magic in _KINDS if head.startswith(magic)), b"")
+            if not magic:
+                raise RecordingError(f"{part}: {_why_no_bag(part, head)}")
+            file.seek(len(magic))
+            log = part.with_name(f"{part.name}-wal")  # where SQLite writes at first
+            size = part.stat().st_size + (log.stat().st_size if log.exists() else 0)
+            bag = _Bag(part, wanted, lost, Allowance.of_size(part, size), size)
+            yield _KINDS[magic], file, bag
+
+
+def _why_no_bag(path: Path, head: bytes) -> str:
     if head.startswith(b"#ROSBAG"):
         version = head.split(b"\n")[0].decode(errors="replace")
-        raise RecordingError(f"{shown}: is {version[1:]}; rosbag migrates it: rosbag fix")
-    raise RecordingError(f"{shown}: is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)")
-
-
-def _inner_suffix(path: Path) -> str:
-    """Suffix of what is packed in a whole file."""
-    inner = Path(path.stem).suffix
-    return inner if path.suffix == ".zstd" and inner in (".mcap", ".db3") else ""
+        return f"is {version[1:]}; rosbag migrates it: rosbag fix"
+    if head.startswith(_ZSTD_MAGIC):
+        return f"is packed as a whole; unpack it first: zstd -d {path.name}"
+    return "is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)"
 
 
 def _parts(folder: Path) -> list[Path]:
@@ -219,7 +190,7 @@ def _parts(folder: Path) -> list[Path]:
 
     Raises RecordingError if there are none.
     """
-    parts = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3") or _inner_suffix(p)]
+    parts = [part for part in folder.iterdir() if part.name.endswith((".mcap", ".db3", *_PACKED))]
     if not parts:
         raise RecordingError(f"{folder}: no .mcap or .db3 file in that folder; is it a bag?")
 
@@ -339,14 +310,14 @@ def _announce_mcap(op: int, data: bytes, bag: _Bag) -> None:
     if op == _MCAP_SCHEMA:
         name, at = _text(data, 2)
         language, at = _text(data, at)
-        bag.schemas[int.from_bytes(data[:2], "little")] = name, language, _text(data, at)[0]
+        text = "" if "idl" in language else _text(data, at)[0]
+        bag.schemas[int.from_bytes(data[:2], "little")] = name, text
         return
     key, schema = struct.unpack_from("<HH", data)
     name, at = _text(data, 4)
     encoding = _text(data, at)[0]
-    kind, language, definition = bag.schemas.get(schema, ("", "", ""))
     form: Literal["ros1", "cdr"] = "ros1" if encoding == "ros1" else "cdr"
-    topic = Topic(name, kind, definition, form, "idl" if "idl" in language else "msg")
+    topic = Topic(name, *bag.schemas.get(schema, ("", "")), form)
     bag.announce(key, topic, readable=encoding in ("ros1", "cdr"))
 
 
@@ -434,7 +405,7 @@ def _tables(bag: _Bag) -> Iterator[sqlite3.Connection]:
                 raise KeyboardInterrupt from None  # which Python told to SQLite alone
             else:
                 raise RecordingError(
-                    f"{bag.room.path}: its tables take more steps to read than any of "
+                    f"{bag.path}: its tables take more steps to read than any of "
                     f"{bag.size} bytes do; is it a bag?"
                 ) from None
 
@@ -445,16 +416,14 @@ def _sqlite_topics(base: sqlite3.Connection, bag: _Bag) -> None:
     tables = {name for (name,) in base.execute(_PLAIN_TABLES)}
     if not {"topics", "messages"} <= tables:
         raise RecordingError(
-            f"{bag.room.path}: is no bag of ROS 2: it has no plain tables of topics and messages"
+            f"{bag.path}: is no bag of ROS 2: it has no plain tables of topics and messages"
         )
     # Bags from before 2023 have no definitions.
     rows = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
-    texts = {kind: (form, text) for kind, form, text in rows}
+    texts = {kind: "" if "idl" in str(form) else str(text) for kind, form, text in rows}
     for key, name, kind, form in base.execute(_TOPICS):
         if isinstance(name, str) and isinstance(kind, str):  # SQLite holds anything anywhere
-            encoding, text = map(str, texts.get(kind, ("", "")))
-            topic = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
-            bag.announce(key, topic, readable=form == "cdr")
+            bag.announce(key, Topic(name, kind, texts.get(kind, ""), "cdr"), readable=form == "cdr")
 
 
 def _sqlite_index(_: BinaryIO, bag: _Bag) -> Counter[Any]:
@@ -477,7 +446,7 @@ def _sqlite(_: BinaryIO, bag: _Bag) -> _Messages:
                 bag.lost[DAMAGED] += 1
                 continue
             bag.room.take(len(data))  # a page of a damaged file may stand for many rows
-            packing = "zstd" if data[:4] == ZSTD_MAGIC else ""  # each message by itself
+            packing = "zstd" if data[:4] == _ZSTD_MAGIC else ""  # each message by itself
             if message := bag.unpack(data, packing):
                 yield topic, time, message
 

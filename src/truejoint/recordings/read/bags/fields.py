@@ -25,9 +25,6 @@ from truejoint.extras import require
 from truejoint.recordings.bounded_file import MAX_VALUES, DamagedError
 from truejoint.recordings.read.bags.container import Topic, read_batches
 
-STAMP: Final = "stamp"
-"""Field that every message has here: its header's time stamp (n,) [ns], 0 without one."""
-
 _SIZES: Final = {
     "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
     "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
@@ -69,10 +66,6 @@ def field_types(topic: Topic) -> Types:
             definitions |= system.get_typestore(system.Stores.LATEST).fielddefs
             for kind in DEFINITIONS:
                 definitions |= system.get_types_from_msg(ros2_definition(kind), full_name(kind))
-        elif topic.language == "idl":
-            for text in topic.definition.split("=" * 80 + "\n"):
-                body = text.partition("\n")[2] if text.startswith("IDL: ") else text
-                definitions |= system.get_types_from_idl(body)
         else:
             definitions |= system.get_types_from_msg(topic.definition, name)
     except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
@@ -128,14 +121,14 @@ class Decoder:
                 yield from self._leaves(inner, f"{prefix}{name}.", depth + 1)
 
     def decode(
-        self, messages: Sequence[bytes]
-    ) -> Iterator[tuple[NDArray[np.int64], Fields, dict[str, tuple[str, ...]]]]:
-        """Fields of messages, those of the same layout together.
+        self, times: Sequence[int], messages: Sequence[bytes], first: int = 0
+    ) -> Iterator[Lot]:
+        """Lots of messages of the same layout, of messages that were received at `times` [ns].
 
-        Gives for each lot which of the messages it is of (m,), fields (m, length) by name, the
-        stamps among them, and lists of text, which all messages of the lot have the same.
-        Raises RecordingError if the layout changes all the time.
+        The first of them is number `first` of the topic. Raises RecordingError if the layout
+        changes all the time.
         """
+        arrivals = np.array(times, dtype=np.int64)
         sizes = np.array([len(message) for message in messages])
         order = np.arange(len(messages))
         for size in np.unique(sizes):
@@ -153,8 +146,11 @@ class Decoder:
                 for begin, end in layout.fixed if is_whole else [(0, size)]:
                     alike &= (raw[:, begin:end] == raw[0, begin:end]).all(axis=1)
                 if is_whole:
-                    lot = raw if alike.all() else raw[alike]
-                    yield rows[alike], layout.read(lot, self.wanted), layout.texts
+                    lot, places = raw if alike.all() else raw[alike], rows[alike]
+                    stamps = layout.stamps(lot)
+                    stamps = np.where(stamps == 0, arrivals[places], stamps)
+                    fields = {n: layout.read(lot, n) for n in self.wanted if n in layout.places}
+                    yield Lot(self.topic.name, first + places, stamps, fields, layout.texts)
                 else:
                     self.damaged += int(alike.sum())
                 rows, raw = rows[~alike], raw[~alike]
@@ -232,18 +228,17 @@ class _Walk:
             raise DamagedError
         return begin
 
-    def read(self, raw: NDArray[np.uint8], wanted: Collection[str]) -> dict[str, NDArray[Any]]:
-        """Fields of messages (m, size) that have the same layout."""
-        fields = {name: self._field(raw, name) for name in wanted if name in self.places}
+    def stamps(self, raw: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Time stamps in the headers of messages (m, size) that have this layout [ns], or 0."""
         for header in ("header", "hdr"):
             parts = [f"{header}.stamp.{seconds}" for seconds in ("sec", "nanosec")]
             if all(self.places.get(part, (0, "", 0))[1:] in _ONE_INTEGER for part in parts):
-                seconds, rest = (self._field(raw, p)[:, 0].astype(np.int64) for p in parts)
-                fields[STAMP] = seconds * 1_000_000_000 + rest
-        fields.setdefault(STAMP, np.zeros(len(raw), dtype=np.int64))
-        return fields
+                seconds, rest = (self.read(raw, part)[:, 0].astype(np.int64) for part in parts)
+                return seconds * 1_000_000_000 + rest
+        return np.zeros(len(raw), dtype=np.int64)
 
-    def _field(self, raw: NDArray[np.uint8], name: str) -> NDArray[Any]:
+    def read(self, raw: NDArray[np.uint8], name: str) -> NDArray[Any]:
+        """Read a field (m, length) of messages (m, size) that have this layout."""
         begin, kind, count = self.places[name]
         end = begin + int(kind[2]) * count
         return np.ascontiguousarray(raw[:, begin:end]).view(kind).reshape(len(raw), count)
@@ -328,10 +323,7 @@ def lots_of(
     for topic, times, messages in batches:
         if topic not in decoders:
             decoders[topic] = Decoder(topic, wanted[topic.name])
-        arrivals = np.array(times, dtype=np.int64)
-        for rows, fields, texts in decoders[topic].decode(messages):
-            stamps = np.where(fields[STAMP] == 0, arrivals[rows], fields[STAMP])
-            yield Lot(topic.name, count[topic.name] + rows, stamps, fields, texts)
+        yield from decoders[topic].decode(times, messages, count[topic.name])
         count[topic.name] += len(messages)
     for topic, decoder in decoders.items():
         what = f"messages of {topic.name} that are not as their definition says"

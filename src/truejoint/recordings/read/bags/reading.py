@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.crtk.messages import ARMS, RAVEN_FIELDS, USUAL_QUANTITIES, message_type
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.read.bags import assembling
@@ -170,15 +171,14 @@ def read_topic(
     if not series.count:
         raise RecordingError(f"{paths[0]}: {topic} has no message that can be read")
     stamps, columns = series.joined()
-    parts = {name: [v for c, v in columns.items() if c.startswith(f"{name}[")] for name in fields}
-    return stamps, {name: np.column_stack(values) for name, values in parts.items() if values}
+    parts: dict[str, list[Array]] = {}
+    for column, values in columns.items():
+        parts.setdefault(column.rpartition("[")[0], []).append(values)
+    return stamps, {name: np.column_stack(values) for name, values in parts.items()}
 
 
 def _paths(bags: Bags) -> list[Path]:
     paths = [Path(bag) for bag in ([bags] if isinstance(bags, str | os.PathLike) else bags)]
-    for path in paths:
-        if not path.exists():
-            raise RecordingError(f"{path}: there is no such file or folder; check the path")
     if not paths:
         raise RecordingError("there is no bag to read; give at least one")
     return paths

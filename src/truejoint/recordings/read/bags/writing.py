@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 import os
 import tempfile
 from collections.abc import Iterator
+from itertools import count, repeat
 from pathlib import Path
 from typing import Any, Final
 
@@ -116,12 +118,9 @@ def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> 
     connections = [
         writer.add_connection(name, full_name(kind), typestore=store) for name, kind, _, _ in topics
     ]
-    stamps = np.concatenate([stamps for _, _, stamps, _ in topics])
-    owner = np.concatenate([np.full(len(stamps), k) for k, (_, _, stamps, _) in enumerate(topics)])
-    row = np.concatenate([np.arange(len(stamps)) for _, _, stamps, _ in topics])
     blanks = [_blank(store, full_name(kind)) for _, kind, _, _ in topics]
-    for place in np.argsort(stamps, kind="stable").tolist():
-        topic, number, stamp = int(owner[place]), int(row[place]), int(stamps[place])
+    lines = [zip(stamps.tolist(), repeat(k), count()) for k, (_, _, stamps, _) in enumerate(topics)]
+    for stamp, topic, number in heapq.merge(*lines):
         _, kind, _, fields = topics[topic]
         message = blanks[topic]
         for name, values in fields.items():
