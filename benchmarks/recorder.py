@@ -6,7 +6,7 @@
 at 1 kHz and its joint encoders at 100 Hz; what arrived is compared with what is in the file.
 `--kills`: programs that record such blocks, in pieces of 10 ms by the wall clock, are each ended by
 `kill -9` at a random time, from 0.1 to 8 s after they began. Lost is the time from the last state
-or topic in the file to the kill; a file that cannot be read is a miss, but for one without any row
+in the file to the kill; a file that cannot be read is a miss, but for one without any row
 where the kill came within the second that may be lost.
 """
 
@@ -28,14 +28,13 @@ from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.handle import Subscription
 from truejoint.errors import TruejointError
 from truejoint.motion import follow, random_motion
-from truejoint.recordings import Recorder, read_recorded_topics, read_recording
+from truejoint.recordings import Recorder, read_recording
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
 from truejoint.simulation import make_twin
 
 ALLOWED = 1.0  # s
 EARLIEST, LATEST = 0.1, 8.0  # s
-TOPICS = {"measured_js": 500.0, "measured_cp": 100.0}  # Hz
 
 
 class Count:
@@ -60,8 +59,7 @@ def at_real_time(minutes: float, seed: int, folder: Path) -> None:
         arm.enable()
         arm.home()
         motion = random_motion(arm.robot, 60 * minutes, seed)
-        topics = TOPICS | {"operating_state": 10.0}
-        with Recorder(arm, state_rate=np.inf, path=path, topics=topics) as recorder:
+        with Recorder(arm, state_rate=np.inf, path=path) as recorder:
             arm.subscribe(count)
             start = time.perf_counter()
             follow(arm, motion)
@@ -69,14 +67,12 @@ def at_real_time(minutes: float, seed: int, folder: Path) -> None:
             arm.unsubscribe(count)
         timing = backend.timing()
     rows = len(read_recording(path))
-    truths = sum(len(piece.t) for piece in recorder._truth.pieces)
+    truths = sum(len(piece.t) for piece in recorder._pieces["truth"])
     print("| wall time [s] | states told | kept | truth told | kept | file [MB] | late periods |")
     print("|---:|---:|---:|---:|---:|---:|---:|")
     size = path.stat().st_size / 1e6
     told = f"{count.states} | {rows} | {count.truths} | {truths}"
     print(f"| {taken:.0f} | {told} | {size:.1f} | {100 * timing.late_share:.2f} % |", flush=True)
-    for topic, table in read_recorded_topics(path.with_suffix(".topics.arrows")).items():
-        print(f"{topic}: {len(table)} rows read; {recorder.streams[topic]}")
 
 
 class Source:
@@ -113,7 +109,7 @@ class Source:
 def victim(path: Path, pipe: Connection) -> None:
     """Record until killed; says when it began."""
     source: Any = Source()
-    with Recorder(source, state_rate=np.inf, path=path, topics=TOPICS):
+    with Recorder(source, state_rate=np.inf, path=path):
         start = time.monotonic()
         pipe.send(start)
         source.go_on(start)
@@ -134,8 +130,6 @@ def kill_one(folder: Path, number: int, delay: float) -> float:
     left = sorted(folder.glob(f"run{number}.unfinished*"))
     try:
         last = float(read_recording(left[0]).t[-1]) if left else np.nan
-        for table in read_recorded_topics(left[0]).values() if left else ():
-            last = min(last, float(table["t"].iloc[-1]))
     except TruejointError as error:
         if killed < ALLOWED and "row" in str(error):
             return killed  # it opens, and holds nothing yet

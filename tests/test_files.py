@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 import stat
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from truejoint.files import (
     free_name,
     is_as_written,
     read_small,
-    uninterrupted,
     write_all_atomically,
     write_atomically,
 )
@@ -134,20 +132,6 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         write_atomically(tmp_path / "a", stopped, overwrite=False)
     assert not list(tmp_path.iterdir())
-
-
-def test_ctrl_c_waits_for_what_cannot_be_had_again() -> None:
-    done = []
-
-    def write() -> None:
-        with uninterrupted():
-            os.kill(os.getpid(), signal.SIGINT)
-            done.append("written")
-
-    with pytest.raises(KeyboardInterrupt):
-        write()
-    assert done == ["written"]
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_what_is_no_file_is_neither_replaced_nor_waited_for(tmp_path: Path) -> None:

@@ -116,7 +116,6 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: motion(1).rows([True, False]), "a mask of all"),
         (lambda model: truejoint.recordings.join_truth(motion(1), motion(2)), "read_truth(path)"),
         (lambda model: truejoint.recordings.Stream([0.0], {"truth/jaw": ["a"]}), "give numbers"),
-        (lambda model: truejoint.recordings.write_corrected([1.0], "c.parquet"), "correct_table"),
         (lambda model: truejoint.robots.Joint("jaw", "rotary"), "revolute or prismatic"),
         (
             lambda model: truejoint.recordings.Track.of_readings([0.0], [1.0]),

@@ -7,10 +7,7 @@ import hashlib
 import json
 import os
 import secrets
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -112,22 +109,6 @@ def free_name(path: Path, word: str) -> Path:
         count += 1
         free = path.with_name(f"{path.stem}.{word}{count}{path.suffix}")
     return free
-
-
-@contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back until the block is left: for writing what cannot be had again."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # where Ctrl-C does not reach
-        return
-    held: list[Any] = []
-    before = signal.signal(signal.SIGINT, lambda *arguments: held.append(arguments))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if held and callable(before):
-            before(*held[0])
 
 
 def content_hash(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:

@@ -8,13 +8,14 @@ default may be missing.
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
 from typing import (
     Annotated,
@@ -350,17 +351,11 @@ def _by_name(rows: Any, only: str) -> dict[str, Any]:
 @cache
 def _schema(kind: type) -> dict[str, tuple[str, dict[type, Any], bool]]:
     """Field, its rules, and whether it is needed, by the key in the file."""
-    if is_dataclass(kind):
-        made = [f for f in fields(kind) if f.init]
-        names = [f.name for f in made]
-        needed = {f.name for f in made if f.default is f.default_factory is MISSING}
-    else:
-        names = kind._fields  # type: ignore[attr-defined]  # a named tuple
-        needed = set(names) - set(kind._field_defaults)  # type: ignore[attr-defined]
     schema = {}
-    for name in names:
+    for name, parameter in inspect.signature(kind).parameters.items():
         rules = {type(rule): rule for rule in get_args(_hints(kind)[name])[1:]}
-        schema[rules[Key].name if Key in rules else name] = name, rules, name in needed
+        key = rules[Key].name if Key in rules else name
+        schema[key] = name, rules, parameter.default is parameter.empty
     return schema
 
 
@@ -375,19 +370,15 @@ def _table(kind: type) -> _Read:
             if not short or isinstance(values, list | tuple):
                 raise _Broken(f" is {values!r:.40}; want a table")
             values = {short: values}
-        made = {}
-        for key, value in values.items():
+        for key in values:
             if key not in readers:
                 raise _Broken(f": {unknown('key', str(key), readers)}")
-            try:
-                made[schema[key][0]] = readers[key](value)
-            except _Broken as fault:
-                raise fault.within(key) from None
+        made = [*_read_entries((key, readers[key], value) for key, value in values.items())]
         for key, (_, _, is_needed) in schema.items():
             if is_needed and key not in values:
                 raise _Broken(f": {key!r} is missing; add it")
         try:
-            return kind(**made)
+            return kind(**{schema[key][0]: entry for key, entry in zip(values, made, strict=True)})
         except TruejointError as fault:
             raise _Broken(f": {fault}") from None
 

@@ -1,15 +1,17 @@
 """Tests of `truejoint collect` beyond those that all commands share."""
 
 import json
-import re
 
 import numpy as np
 import pytest
 
-from truejoint.cli import recording_options
 from truejoint.crtk import SimulatedBackend, TruthBlock
 from truejoint.motion import Trajectory, read_trajectory, write_trajectory
-from truejoint.recordings import joint_encoders, read_parquet, read_recorded_topics
+from truejoint.recordings import (
+    joint_encoders,
+    read_parquet,
+    read_recording,
+)
 
 SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
@@ -39,26 +41,6 @@ def test_a_forceps_is_collected_and_calibrated(call, motion, tmp_path):
     assert fitted.code == 0, fitted.err
 
 
-def test_topics_are_collected_beside(call, motion, tmp_path):
-    arguments = ("--robot", "forceps", "-o", tmp_path, "--force", "--topic", "measured_js=100")
-    made = call("collect", motion, *arguments, "--topic", "operating_state=1")
-    assert made.code == 0, made.err
-    told = [line.strip() for line in made.out.splitlines() if line.startswith("  measured_js")]
-    assert re.fullmatch(r"measured_js: \d+ rows at 100 Hz, 0\.\d+ MB", told[0])
-    again = json.loads(call("collect", motion, *arguments, "--json").out)["recordings"][0]
-    topics = read_recorded_topics(tmp_path / "jaw.topics.arrows")
-    assert list(topics) == ["measured_js"]  # of the second time
-    assert again["streams"]["measured_js"]["rows"] == len(topics["measured_js"])
-    assert again["streams"]["measured_js"]["rate_hz"] == pytest.approx(100.0, rel=1e-3)
-    assert again["streams"]["state"]["bytes"] > 0
-    seldom = call("collect", motion, *arguments[:-1], "measured_js=0.001", "--json")
-    once = json.loads(seldom.out)["recordings"][0]["streams"]["measured_js"]
-    assert (once["rows"], once["rate_hz"]) == (1, None)
-    folder = call("calibrate", tmp_path, "-e", "linear", "-o", tmp_path / "m.st")
-    assert "jaw.topics.arrows: left out: holds the topics of another recording" in folder.err
-    assert folder.code == 0, folder.err
-
-
 def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatch):
     arguments = ("collect", motion, "--robot", "forceps", "-o", tmp_path, "--force")
     assert call(*arguments).code == 0
@@ -74,9 +56,9 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
     monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_on_the_way)
     stopped = call(*arguments)
     assert stopped.code != 0
-    assert "jaw.partial.parquet" in stopped.err
+    assert "jaw.unfinished.stream" in stopped.err
     assert (tmp_path / "jaw.parquet").read_bytes() == whole
-    fragment = read_parquet(tmp_path / "jaw.partial.parquet")
+    fragment = read_recording(tmp_path / "jaw.unfinished.stream")
     assert fragment.provenance.notes == "stopped by KeyboardInterrupt"
 
 
@@ -95,27 +77,6 @@ def test_it_goes_on_where_it_was_stopped(call, motion, tmp_path):
     assert json.loads(nothing.out) == {"recordings": []}
     assert "nothing is left to record" in nothing.err
     assert "Homing" not in nothing.err
-
-
-def test_a_recording_is_replayed(call, motion, tmp_path):
-    assert call("collect", motion, "--robot", "forceps", "-o", tmp_path).code == 0
-    again = tmp_path / "again"
-    recorded = tmp_path / "jaw.parquet"
-    replayed = call("collect", recorded, "--robot", "forceps", "-o", again, "--seed", 3)
-    assert replayed.code == 0, replayed.err
-    first, second = read_parquet(recorded), read_parquet(again / "jaw.parquet")
-    followed = recording_options.read_trajectory(recorded).positions[
-        :, 0
-    ]  # what was measured is hardly off
-    np.testing.assert_array_equal(followed, first.column("setpoint/jaw"))
-    t = np.linspace(1.0, 10.0, 80)
-    wanted = np.interp(t, first.column("t"), first.column("setpoint/jaw"))
-    # The way to the start and the rounding of its ends make it later.
-    errors = [
-        np.abs(np.interp(t + late, second.column("t"), second.column("setpoint/jaw")) - wanted)
-        for late in np.arange(0.0, 1.0, 0.01)
-    ]
-    assert np.max(errors, axis=1).min() < 5e-3
 
 
 def test_the_joint_itself_is_taken_along(call, tmp_path):

@@ -37,7 +37,6 @@ def complete(call: Call, session: Path, monkeypatch: pytest.MonkeyPatch) -> Comp
         (["export", "m.st", "--to", ""], ["c", "onnx", "ros", "bag"]),
         (["calibrate", "--metadata", "load"], ["load_grams="]),
         (["calibrate", "--accept", "outl"], ["outliers"]),
-        (["collect", "--topic", "measured_c"], ["measured_cp=", "measured_cv="]),
         (["trajectory", "zigzag", "--direction", "J3"], ["J3"]),
         (["study", "forceps-unl"], ["forceps-unloaded"]),
         (["calibrate", ""], []),  # files are the shell's to complete

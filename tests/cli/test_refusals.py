@@ -107,12 +107,6 @@ AT_ONCE = {
         ("--closed-loop --compensate m", "--closed-loop and --compensate: give one"),
         ("--lag-s 0.02", "needs --compensate or --closed-loop"),
         ("--closed-loop --lag-s inf", "--lag-s inf: give seconds"),
-        ("--topic measured_js", "write NAME=HZ"),
-        ("--topic measured_js=often", "'often' is no number"),
-        ("--topic measured_j=9", "did you mean 'measured_js'?"),
-        ("--topic measured_js=0", "rate 0.0 Hz; give one above 0 Hz"),
-        ("--topic measured_js=9 --topic measured_js=8", "measured_js was given before"),
-        ("--topic measured_cp=9", "kinematics of forceps are not known"),
     ],
     "collect": [
         ("nowhere.csv -o new", "nowhere.csv: cannot be read"),

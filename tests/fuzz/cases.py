@@ -96,7 +96,7 @@ def make_seeds(folder: Path) -> None:
         write_bag(test.rows(test.t < test.t[0] + 2.0), folder / name)
     header = {"provenance": {"robot": "raven2"}, "robot": test.robot.to_dict(),
               "gap_limit": 0.1, "state_rate": None}  # fmt: skip
-    writer = StreamWriter(folder / "run.arrows", header)
+    writer = StreamWriter(folder / "run.stream", header)
     writer.write("state", test.t, {name: test.column(name) for name in table if name != "t"})
     writer.close()
     package = Path(truejoint.__file__).parent

@@ -140,7 +140,7 @@ class Kills:
         for path in self.trial.rglob("*"):
             is_new = not (self.base / path.relative_to(self.trial)).exists()
             # A recording that was stopped is kept under a name that says so.
-            is_rest = path.suffix == ".part" or {".unfinished", ".partial"} & set(path.suffixes)
+            is_rest = path.suffix == ".part" or ".unfinished" in path.suffixes
             if is_new and path.is_file() and (not is_rest or moment == "two writers"):
                 wrong.append(f"{path.name} is left")
             if is_rest and path.suffix == ".part" and moment in {"SIGINT", "full disk"}:

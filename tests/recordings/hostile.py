@@ -438,18 +438,14 @@ def _parquet(path: Path) -> None:
     pq.write_table(table, path, compression="zstd", use_dictionary=False, data_page_size=1 << 30)
 
 
-@kind("blocks.arrows")
-def _arrow(path: Path) -> None:
-    """A recorder's stream whose blocks are packed, as none of a recorder's are."""
-    from truejoint.recordings.table import parquet, stream_file
+@kind("blocks.stream")
+def _stream(path: Path) -> None:
+    """A recorder's stream whose block states more rows than there are."""
+    from truejoint.recordings.table.stream_file import StreamWriter
 
-    header = {"version": 1, "provenance": {"robot": "raven2"}, "robot": {}, "gap_limit": 0.1}
-    signed = {parquet.KEY: parquet.sign(header, {})}
-    schema = stream_file._SCHEMA.with_metadata(signed)
-    options = pa.ipc.IpcWriteOptions(compression="zstd")
-    row = [pa.array([value], pa.binary()) for value in (bytes(1 << 30), b"")]
-    with pa.ipc.new_stream(path, schema, options=options) as stream:
-        stream.write_batch(pa.record_batch(row, schema=stream_file._SCHEMA))
+    StreamWriter(path, {"provenance": {"robot": "raven2"}, "robot": {}, "gap_limit": 0.1}).close()
+    with path.open("ab") as file:
+        file.write(b'{"stream": "state", "columns": [], "rows": 1099511627776}\n' + bytes(1 << 20))
 
 
 @kind("header.safetensors")
@@ -535,7 +531,7 @@ def attempt(path: Path, command: str, folder: Path) -> dict[str, Any]:
     from then on.
     """
     words = [*COMMANDS["extract" if command == STOPPED else command], str(path)]
-    if command != "list" and path.suffix not in (".arrows", ".mat", ".parquet"):
+    if command != "list" and path.suffix not in (".stream", ".mat", ".parquet"):
         words += ROBOT
     for made in ("out.parquet", "m.safetensors"):
         (folder / made).unlink(missing_ok=True)

@@ -15,7 +15,7 @@ from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
-from truejoint.recordings import Recorder, read_parquet, read_recorded_topics, read_recording
+from truejoint.recordings import Recorder, read_recording
 from truejoint.recordings.recorder import PAST_END, Decimator, _joined
 from truejoint.recordings.table.stream import AFTER, BACK, Stream
 from truejoint.robots import get_robot
@@ -112,9 +112,9 @@ def test_an_interrupt_keeps_and_writes_what_there_is(arm, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         move()
     assert not arm.listeners
-    assert recorder.written == tmp_path / "run.partial.parquet"
+    assert recorder.written == tmp_path / "run.unfinished.stream"
     assert not path.exists()
-    written = read_parquet(recorder.written)
+    written = read_recording(recorder.written)
     assert written.provenance.notes == "stopped by KeyboardInterrupt"
     assert len(written) == len(recorder.recording()) == 30
     assert written.provenance.dropped[AFTER] == np.isnan(written.column("truth/elbow")).sum() > 0
@@ -137,11 +137,11 @@ def test_a_recording_whose_name_was_taken_meanwhile_is_kept(arm, tmp_path):
             path.write_text("theirs")
 
     with pytest.raises(
-        RecordingError, match=r"exists already.*the recording is in .*run\.unfinished\.arrows"
+        RecordingError, match=r"exists already.*the recording is in .*run\.unfinished\.stream"
     ):
         move()
     assert path.read_text() == "theirs"
-    assert recorder.written == tmp_path / "run.unfinished.arrows"
+    assert recorder.written == tmp_path / "run.unfinished.stream"
     kept = read_recording(recorder.written)
     assert not kept.provenance.notes
     pd.testing.assert_frame_equal(kept.table, recorder.recording().table)
@@ -173,9 +173,8 @@ def test_what_is_recorded_is_on_disk_meanwhile(arm, tmp_path):
         arm.truth(np.arange(50) * 1e-2)
         arm.state(1.0 + np.arange(1000) * 1e-3)
         # What a program that is killed now leaves.
-        left = read_recording(tmp_path / "run.unfinished.arrows")
-        now, size = recorder.recording(), recorder.size
-        assert size > 0
+        left = read_recording(tmp_path / "run.unfinished.stream")
+        now = recorder.recording()
     pd.testing.assert_frame_equal(left.table, now.table)
     assert left.provenance.session == "a run"
     assert left.provenance.load == 0.1
@@ -253,96 +252,6 @@ def test_a_forceps_motion_is_recorded_calibrated_and_judged():
     error = test.column("truth/jaw") - calibrate(training, "linear").correct(test)[:, 0]
     assert np.degrees(np.sqrt(np.nanmean(test.error(("jaw",)) ** 2))) > 1.0
     assert np.degrees(np.sqrt(np.nanmean(error[settled] ** 2))) < 0.8
-
-
-def test_topics_are_kept_each_at_its_own_rate(tmp_path):
-    arm = simulated_arm("raven2", "left", seed=2)
-    arm.enable()
-    arm.home()
-    told: list[StateBlock] = []
-    arm.subscribe(lambda block: told.append(block) if isinstance(block, StateBlock) else None)
-    rates = {"measured_js": 500.0, "measured_cp": 50.0, "operating_state": 1.0}
-    path = tmp_path / "run.parquet"
-    with Recorder(arm, state_rate=100.0, path=path, topics=rates) as recorder:
-        arm.move_jr(np.full(7, 0.01)).wait()
-        arm.pause()
-        arm.wait(3.0)
-        arm.resume()
-        arm.wait(1.0)
-    assert sorted(tmp_path.iterdir()) == [path, tmp_path / "run.topics.arrows"]
-    topics = read_recorded_topics(tmp_path / "run.topics.arrows")
-    assert sorted(topics) == sorted(rates)
-    whole = StateBlock.joined(told)
-    for name, every in (("measured_js", 2), ("measured_cp", 20)):
-        # Its stamps are the arm's own, whatever the state was thinned out to.
-        assert np.isin(topics[name]["t"], whole.t).all()
-        assert len(topics[name]) == pytest.approx(len(whole.t) / every, abs=2)
-        assert recorder.streams[name].rows == len(topics[name])
-    joints = topics["measured_js"]
-    shown = np.searchsorted(whole.t, joints["t"])
-    assert np.array_equal(joints["position/elbow"], whole.measured[shown, 1])
-    states = topics["operating_state"]
-    changes = states.loc[states["state"].ne(states["state"].shift())]
-    assert changes["state"].tolist() == ["ENABLED", "PAUSED", "ENABLED"]
-    assert np.diff(changes["t"])[1] == pytest.approx(3.0, abs=0.02)
-    assert states["is_homed"].all()
-    assert states["is_busy"].any()
-    recording = read_recording(tmp_path / "run.topics.arrows")
-    assert np.array_equal(recording.t, read_parquet(path).t)
-
-
-def test_topics_are_there_after_a_crash(arm, tmp_path):
-    path = tmp_path / "run.parquet"
-    with Recorder(arm, path=path, topics={"measured_js": 100.0}):
-        arm.state(np.arange(600) * 1e-3)
-        left = read_recorded_topics(tmp_path / "run.unfinished.arrows")
-    assert len(left["measured_js"]) == 60
-    recorder = Recorder(arm, path=path, topics={"measured_js": 100.0}, overwrite=True)
-
-    def crash() -> None:
-        with recorder:
-            arm.state(np.arange(600) * 1e-3)
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        crash()
-    assert sorted(found.name for found in tmp_path.iterdir()) == [
-        "run.parquet", "run.partial.parquet", "run.partial.topics.arrows", "run.topics.arrows",
-    ]  # fmt: skip
-
-
-def test_topics_whose_name_was_taken_meanwhile_are_kept(arm, tmp_path):
-    def record() -> None:
-        with Recorder(arm, path=tmp_path / "run.parquet", topics={"measured_js": 100.0}):
-            arm.state(np.arange(600) * 1e-3)
-            (tmp_path / "run.topics.arrows").write_text("another's")
-
-    with pytest.raises(RecordingError, match=r"exists; the topics are in .*run\.unfinished"):
-        record()
-    assert (tmp_path / "run.topics.arrows").read_text() == "another's"
-    assert len(read_recorded_topics(tmp_path / "run.unfinished.arrows")["measured_js"]) == 60
-
-
-def test_topics_need_a_place_of_their_own(arm, tmp_path):
-    with pytest.raises(RecordingError, match="topics are kept on the disk alone; give a path"):
-        Recorder(arm, topics={"measured_js": 100.0})
-    (tmp_path / "run.topics.arrows").touch()
-    with pytest.raises(RecordingError, match=r"run\.topics\.arrows: exists already"):
-        Recorder(arm, path=tmp_path / "run.parquet", topics={"measured_js": 100.0})
-    with Recorder(arm, path=tmp_path / "no.parquet"):
-        arm.state(np.arange(600) * 1e-3)
-        with pytest.raises(RecordingError, match="holds no topic"):
-            read_recorded_topics(tmp_path / "no.unfinished.arrows")
-
-
-def test_topics_of_a_recording_that_is_replaced_go_with_it(arm, tmp_path):
-    path = tmp_path / "run.parquet"
-    with Recorder(arm, path=path, topics={"measured_js": 100.0}):
-        arm.state(np.arange(600) * 1e-3)
-    assert (tmp_path / "run.topics.arrows").exists()
-    with Recorder(arm, path=path, overwrite=True):
-        arm.state(np.arange(600) * 1e-3)
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_comes_while_rows_are_joined_waits_for_the_next_time():

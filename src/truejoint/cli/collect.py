@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from truejoint.motion.follow import Steering
     from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.recordings.recorder import TruthSource
-    from truejoint.recordings.table.stream_file import StreamSize
 
 _REZERO: Final = 10.0  # of random motion [s]
 _LEG: Final = 30.0  # [s], after which it is asked whether that is enough
@@ -40,13 +39,12 @@ def record(
     steering: Steering | None = None,
     until_enough: bool = False,
     **how: Any,
-) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport, Mapping[str, StreamSize]]:
+) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, `how` as `Recorder` takes it.
 
-    Shows progress; gives the recording, how the trajectory was kept, and how much of each stream
-    was written. With `until_enough`, only as far as a linear calibration is expected to gain by
-    twice the time. Whatever stops the motion, what was recorded until then is kept, under a name
-    of its own.
+    Shows progress; gives the recording, and how the trajectory was kept. With `until_enough`, only
+    as far as a linear calibration is expected to gain by twice the time. Whatever stops the motion,
+    what was recorded until then is kept, under a name of its own.
     """
     how |= {"session": trajectory.name, "command": command_line()}
     recorder = truejoint.recordings.Recorder(arm, path=target, **how)
@@ -60,7 +58,7 @@ def record(
         if recorder.written is not None:
             say(f"stopped; what was recorded until then is in {recorder.written}")
         raise
-    return recorder.recording(str(target)), report, recorder.streams
+    return recorder.recording(str(target)), report
 
 
 def _follow_until_enough(
@@ -167,26 +165,20 @@ def collect(
     loop: Loop,
     encoders: str | None = None,
     state_rate_hz: float = 30.0,
-    topic: list[str] | None = None,
     until_enough: bool = False,
     resume: bool = False,
     force: bool = False,
 ) -> Result:
     """Home an arm, simulated or with --ros real, drive it along trajectories and record each.
 
-    All trajectories of one call share one homing, as in one session with a robot. A recording in
-    place of a trajectory is replayed: the arm follows the set-points in it. Whatever stops the
-    command leaves what was recorded; with --resume the same command goes on after it. With
+    All trajectories of one call share one homing, as in one session with a robot. Whatever stops
+    the command leaves what was recorded; with --resume the same command goes on after it. With
     --compensate the trajectories are where the joints, not their motors, are to be; with
     --closed-loop where the motors are to report to be.
     """
     from truejoint.recordings.joint_encoders import JointEncoders
 
-    topics = {
-        name: options.number("--topic", f"{name}={rate}", rate)
-        for name, rate in options.split_pairs("--topic", topic, "NAME=HZ").items()
-    }
-    pairs = _to_record(trajectories, output, bool(topics), resume=resume, force=force)
+    pairs = _to_record(trajectories, output, resume=resume, force=force)
     if not pairs:
         say("nothing is left to record")
         return Result({"recordings": []})
@@ -194,7 +186,6 @@ def collect(
         device = stack.enter_context(simulated.or_real(real))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
-        truejoint.crtk.check_topics(device.robot, topics)
         model = loop.read(device.robot)
         output.mkdir(parents=True, exist_ok=True)
         truth: JointEncoders | None = None
@@ -205,8 +196,7 @@ def collect(
         steering = loop.around(device, model, truth)
         how: dict[str, Any] = {
             "load": simulated.load, "state_rate": state_rate_hz, "truth": truth,
-            "topics": topics, "steering": steering, "until_enough": until_enough,
-            "overwrite": force,
+            "steering": steering, "until_enough": until_enough, "overwrite": force,
         }  # fmt: skip
         rows = [_recorded(device, *pair, **how) for pair in pairs]
     if steering is not None:
@@ -222,19 +212,13 @@ def _recorded(
     target: Path,
     **how: Any,
 ) -> dict[str, Any]:
-    """Record one trajectory, `how` as `record` takes it, and say so, each topic with its size."""
-    recording, report, streams = record(device, trajectory, target, **how)
+    """Record one trajectory, `how` as `record` takes it, and say so."""
+    recording, report = record(device, trajectory, target, **how)
     size = f"{target.stat().st_size / 1e6:.1f} MB"
     out.print(f"{target}: {len(recording)} rows, {size}; {report}")
-    for name in how["topics"]:
-        out.print(f"  {name}: {streams.get(name, 'nothing was said')}")
     say_dropped(recording)
-    sizes = {
-        name: {"rows": stream.rows, "rate_hz": stream.rate, "bytes": stream.size}
-        for name, stream in streams.items()
-    }
     facts = {"tracking": report.to_dict(), "dropped": recording.provenance.dropped}
-    return {"file": str(target), "rows": len(recording), **facts, "streams": sizes}
+    return {"file": str(target), "rows": len(recording), **facts}
 
 
 def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
@@ -251,11 +235,9 @@ def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
 
 
 def _to_record(
-    trajectories: list[Path], output: Path, has_topics: bool, *, resume: bool, force: bool
+    trajectories: list[Path], output: Path, *, resume: bool, force: bool
 ) -> list[tuple[truejoint.motion.Trajectory, Path]]:
     """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
-    from truejoint.recordings.recorder import topics_beside
-
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     pairs = []
     for path, target in zip(trajectories, targets, strict=True):
@@ -267,6 +249,5 @@ def _to_record(
             say(f"{target}: recorded already")
             continue
         pairs.append((read_trajectory(path), target))
-        for made in (target, topics_beside(target)) if has_topics else (target,):
-            check_target(made, overwrite=force, makes_folder=True)
+        check_target(target, overwrite=force, makes_folder=True)
     return pairs

@@ -172,7 +172,8 @@ def _write(
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
         whole = whole.reset_index("recording")
     if output.suffix == ".parquet":
-        truejoint.recordings.write_corrected(whole, output, overwrite=force)
+        table = partial(Path.write_bytes, data=whole.to_parquet(index=False))
+        write_atomically(output, table, overwrite=force, error=RecordingError)
         return
     for name in whole.select_dtypes("number").columns:
         quantity, _, joint = str(name).partition("/")

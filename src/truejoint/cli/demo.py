@@ -117,7 +117,7 @@ def _collected(
     def recorded(path: truejoint.motion.Trajectory, name: str) -> truejoint.Recording:
         truejoint.motion.write_trajectory(path, folder / f"{name}.csv", overwrite=True)
         how: dict[str, Any] = {"load": twin.load, "label": f"   {path.name}", "overwrite": True}
-        recording, report, _ = record(arm, path, folder / f"{name}.parquet", **how)
+        recording, report = record(arm, path, folder / f"{name}.parquet", **how)
         say(f"   {len(recording)} rows; {report}")
         return recording
 

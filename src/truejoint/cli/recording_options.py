@@ -242,23 +242,11 @@ def only_dataset(names: Sequence[str]) -> str | None:
 
 
 def read_trajectory(path: Path) -> truejoint.motion.Trajectory:
-    """Read a trajectory file and say what its notes do; a recording is to be replayed."""
-    if path.suffix in (".parquet", ".arrows"):
-        return _replayed(path)
+    """Read a trajectory file and say what its notes do."""
     trajectory = truejoint.motion.read_trajectory(path)
     if "notes" in trajectory.meta:
         say(f"  {path}: {trajectory.meta['notes']}")
     return trajectory
-
-
-def _replayed(path: Path) -> truejoint.motion.Trajectory:
-    """Set-points of a recording over time; where it has none, the measured positions."""
-    recording = truejoint.read_recording(path)
-    kind = "setpoint" if recording.joints_of("setpoint") else "measured"
-    joints = tuple(j for j in recording.joints_of(kind) if j in recording.robot.joint_names)
-    units = tuple(recording.units[f"{kind}/{joint}"] for joint in joints)
-    positions, t = recording.columns(kind, joints), recording.column("t")
-    return truejoint.motion.Trajectory(joints, units, positions, t, name=path.stem)
 
 
 @dataclass(frozen=True)

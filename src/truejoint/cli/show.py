@@ -32,7 +32,6 @@ _TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids"}
 def show(name: str, files: Files) -> Result:
     """Say what a file or a data set is, what it holds and where it comes from."""
     from truejoint.recordings.datasets import DATASETS
-    from truejoint.recordings.table.parquet import is_corrected
 
     path = Path(name)
     if name.partition(":")[0] in truejoint.robots.robot_names() and not path.exists():
@@ -47,8 +46,6 @@ def show(name: str, files: Files) -> Result:
         return tell_trajectory(truejoint.motion.read_trajectory(path), arm)
     if is_model(path):
         described = [model_facts(path)]
-    elif path.suffix == ".parquet" and path.is_file() and is_corrected(path):
-        described = [_corrected_facts(path)]
     else:
         described = [recording_facts(recording) for recording in files.find([name])()]
     for facts, columns in described:
@@ -110,15 +107,6 @@ def tell_trajectory(
 def is_model(path: Path) -> bool:
     """Whether a file begins as a safetensors file does: a length, then JSON."""
     return head_of(path, 9)[8:] == b"{"
-
-
-def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Tell how many rows of a corrected table have which status, and the range of each column."""
-    table = truejoint.recordings.read_corrected(path)
-    status = {str(name): int(count) for name, count in table["status"].value_counts().items()}
-    numbers = table.select_dtypes("number").items()  # no half-width is stated as an infinite one
-    columns = [_column(str(name), "1", values.to_numpy()) for name, values in numbers]
-    return {"kind": "corrected positions", "rows": len(table), "status": status}, columns
 
 
 def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:

@@ -25,12 +25,9 @@ from .read.reading import read_recordings as read_recordings
 from .read.track import Track as Track
 from .read.track import read_track as read_track
 from .recorder import Recorder as Recorder
-from .table.parquet import read_corrected as read_corrected
 from .table.parquet import read_parquet as read_parquet
-from .table.parquet import write_corrected as write_corrected
 from .table.parquet import write_parquet as write_parquet
 from .table.recording import Provenance as Provenance
 from .table.recording import Recording as Recording
 from .table.stream import Stream as Stream
 from .table.stream import synchronise as synchronise
-from .table.stream_file import read_recorded_topics as read_recorded_topics

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -20,10 +19,9 @@ from truejoint.recordings import (
     Recording,
     read_parquet,
     read_recording,
-    write_corrected,
     write_parquet,
 )
-from truejoint.recordings.table.parquet import KEY, VERSION, _write
+from truejoint.recordings.table.parquet import KEY, VERSION
 from truejoint.robots import get_robot
 
 Refusal = Callable[[Callable[[], object]], str]
@@ -231,12 +229,5 @@ def test_a_header_without_units_describes_stamps_alone(tmp_path):
     write_parquet(Recording.from_columns({"t": [0.0, 1.0]}, "bros"), path)
     header = json.loads(pq.read_schema(path).metadata[KEY])
     del header["units"], header["sha256"]
-    bare = tmp_path / "bare.parquet"
-    _write(bare, header, {"t": np.array([0.0, 1.0])}, overwrite=False)
-    assert not read_parquet(bare).units
-
-
-@pytest.mark.parametrize("table", [np.zeros(3), pd.DataFrame({"t": [0.0], "note": ["a"]})])
-def test_only_a_table_of_numbers_is_one_of_corrected_positions(tmp_path, table):
-    with pytest.raises(RecordingError, match="give a table of numbers"):
-        write_corrected(table, tmp_path / "corrected.parquet")
+    rewrite(path, header, t=T)
+    assert not read_parquet(path).units

@@ -1,13 +1,12 @@
 """Truth from a file of its own, brought onto the robot's clock by the motion that both saw.
 
-`find_path_offset` correlates two streams at any shift; `fine_offset` regresses the truth on
-position, direction and velocity, whose coefficient is the delay.
+`find_path_offset` correlates two streams at any shift; the lag that is left is then found as the
+judge finds it, beside what plays and efforts explain.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Final
@@ -18,7 +17,7 @@ from scipy.signal import argrelmax
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
-from truejoint.recordings.join.explained import SLOW, explain
+from truejoint.recordings.join.explained import FEWEST, explain
 from truejoint.recordings.join.lag import estimate_lag
 from truejoint.recordings.table.recording import Recording, as_recording, nominal_rates
 from truejoint.recordings.table.stream import BRIDGED_STEPS, Stream, synchronise, usable_rows
@@ -28,15 +27,8 @@ LEAST_OVERLAP: Final = 0.5  # share of the shorter stream
 _MAX_GRID: Final = 1 << 19  # points of the longer stream, when clocks are compared at first
 _LEAST_FIT: Final = 0.5  # share of a joint's variance that the other stream must explain
 _RIVAL: Final = 1.3  # residuals up to this many times the least are as good an answer
-
-_BLOCKS: Final = 10  # of the common time, to see how much its parts differ
-_STANDS: Final = 0.1  # of the RMS speed; slower, a joint keeps its last direction
-_ROUNDS: Final = 20
-_MAX_ROWS: Final = 20_000  # of the truth, for the regressions
-
-_FEWEST: Final = 200  # rows of which plays and efforts can explain the error
-_UNSURE: Final = 0.01  # s; an offset that is known better is left as it is
-_SURE: Final = 3.0  # deviations by which a better offset may differ from a first one
+_ROUNDS: Final = 2  # in which the lag that is left is estimated
+_CLOSE: Final = 0.1  # s; a lag below it was estimated close enough to where it is none
 
 
 @dataclass(frozen=True)
@@ -48,9 +40,9 @@ class ClockOffset:
     seconds : float
         [s].
     sd : float
-        Standard deviation [s]: how much parts of the motion differ (jackknife over ten), how much
-        friction could pass for a delay, and that a reading may be as old as one step of its stream;
-        NaN where the offset was stated. A lag of the joint itself is part of the offset.
+        Standard deviation [s]: how much parts of the motion and joints differ, how much friction
+        could pass for a delay, and that a reading may be as old as one step of its stream; NaN
+        where the offset was stated. A lag of the joint itself is part of the offset.
     joints : tuple of str
         Whose motion it was found by; empty where it was stated.
 
@@ -78,11 +70,9 @@ def join_truth(
     """Give a recording the truth that was recorded elsewhere, on a clock of its own.
 
     The offset of the two clocks is found by the motion: coarsely by normalised cross-correlation of
-    truth and measured positions at any shift at which half of the shorter one remains, then by
-    regression of the truth on position, direction and velocity, whose coefficient is the delay. The
-    direction keeps friction and backlash apart from a delay. Where plays and efforts explain truth
-    minus measured best at another shift, and tell it more surely, it is that. Truth is then
-    interpolated as `synchronise` does.
+    truth and measured positions at any shift at which half of the shorter one remains, then by what
+    velocity explains of the truth beside positions, direction, plays and efforts. These keep
+    friction and backlash apart from a delay. Truth is then interpolated as `synchronise` does.
 
     Parameters
     ----------
@@ -116,16 +106,14 @@ def join_truth(
     odd = [name for name in truth.columns if not name.startswith("truth/")]
     if odd or not truth.columns:
         raise RecordingError(f"truth: columns {odd} are none of it; call them truth/<joint>")
-    joints = tuple(name.removeprefix("truth/") for name in truth.columns)
+    joints = [name.removeprefix("truth/") for name in truth.columns]
     if recording.joints_of("truth"):
         raise RecordingError(f"{source}: has a truth already; give one without")
-    measured = recording.columns("measured", joints)
+    recording.columns("measured", joints)  # which must be there
     begins = 0.0 if math.isnan(provenance.start) else provenance.start
     if offset is None:
         about = None if near is None else near - begins
-        positions = np.column_stack([*truth.columns.values()])
-        clock = find_clock_offset(recording.t, measured, truth.t, positions, joints, about)
-        clock = _refined(recording, truth, clock)
+        clock = find_clock_offset(recording, truth, about)
         clock = replace(clock, seconds=clock.seconds + begins)
     elif math.isfinite(offset):
         clock = ClockOffset(float(offset))
@@ -164,58 +152,38 @@ def _shifted(
     return joined, counts
 
 
-def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockOffset:
-    """Offset at which the robot's signals explain most of truth minus measured.
-
-    Plays and efforts tell friction from a delay. It counts where `coarse` is unsure, and this one
-    is surer and no further off than may be. Half its way from `coarse` is part of its deviation:
-    rows at a turn tell most, and what is far off at the first offset weighs little. Where it does
-    not count, how far off it is adds to the deviation of `coarse`.
-    """
-    if coarse.sd < _UNSURE:
-        return coarse
-    joined, _ = _shifted(recording, truth, coarse.seconds)
-    joined = joined.with_truth(coarse.joints)
-    if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
-        return coarse
-    with one_thread():
-        explained = [explain([joined], joint) for joint in coarse.joints]
-        lag = estimate_lag([[joined]] * len(explained), explained)
-    if not (lag.sd < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
-        return replace(coarse, sd=math.hypot(coarse.sd, lag.seconds))
-    sd = math.hypot(lag.sd, lag.seconds / 2, *_age_sds(recording.t, truth.t))
-    return replace(coarse, seconds=coarse.seconds - lag.seconds, sd=sd)
-
-
-def _age_sds(*stamps: Array) -> list[float]:
-    """Deviation [s] of each stream's stamps: a reading may be as old as a step of it."""
-    return [float(np.median(np.diff(t))) / math.sqrt(12.0) for t in stamps]
-
-
 def find_clock_offset(
-    t: Array,
-    measured: Array,
-    truth_t: Array,
-    truth: Array,
-    joints: Sequence[str],
-    near: float | None = None,
+    recording: Recording, truth: Stream, near: float | None = None
 ) -> ClockOffset:
-    """Offset to be added to the stamps of the truth [s], by the motion; raises RecordingError.
+    """Offset to be added to the stamps of a truth without a NaN [s], by the motion.
 
-    `measured` (n, k) and `truth` (m, k) are positions of `joints` at stamps `t` (n,) and `truth_t`
-    (m,) [s] that rise, without a NaN.
+    It counts against the stamps of the rows of `recording`. Raises RecordingError as `join_truth`.
     """
-    moves = (np.ptp(measured, axis=0) > 0) & (np.ptp(truth, axis=0) > 0)
+    joints = [name.removeprefix("truth/") for name in truth.columns]
+    measured = recording.columns("measured", joints)
+    positions = np.column_stack([*truth.columns.values()])
+    moves = (np.ptp(measured, axis=0) > 0) & (np.ptp(positions, axis=0) > 0)
     if not moves.any():
         raise RecordingError(
             f"{', '.join(joints)} stand still: no motion tells the offset of the clocks; state it"
         )
-    joints = tuple(compress(joints, moves))
-    motion = t, measured[:, moves], truth_t, truth[:, moves]
-    coarse = find_path_offset(*motion, near, ", ".join(joints))
-    with one_thread():  # many small regressions, of which each would wait for its threads
-        seconds, sd = fine_offset(*motion, coarse)
-    return ClockOffset(seconds, math.hypot(sd, *_age_sds(t, truth_t)), joints)
+    moving = tuple(compress(joints, moves))
+    motion = recording.t, measured[:, moves], truth.t, positions[:, moves]
+    offset = find_path_offset(*motion, near, ", ".join(moving))
+    # A reading may be as old as a step of its stream.
+    ages = [float(np.median(np.diff(t))) / math.sqrt(12.0) for t in (recording.t, truth.t)]
+    sd = 0.0
+    for _ in range(_ROUNDS):
+        joined = _shifted(recording, truth, offset)[0].with_truth(moving)
+        if len(joined) < FEWEST:
+            break
+        with one_thread():  # many small regressions, of which each would wait for its threads
+            explained = [explain([joined], joint) for joint in moving]
+            lag = estimate_lag([[joined]] * len(moving), explained)
+        offset, sd = offset - lag.seconds, lag.sd
+        if abs(lag.seconds) < _CLOSE:
+            break
+    return ClockOffset(offset, math.hypot(sd, *ages), moving)
 
 
 def find_path_offset(
@@ -325,56 +293,3 @@ def _moments(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array, 
     variance = across(ours**2, truth_unit) - mine**2 / count
     of_theirs = across(unit, theirs**2) - their**2 / count
     return covariance, variance, of_theirs
-
-
-def fine_offset(
-    t: Array, measured: Array, truth_t: Array, truth: Array, offset: float
-) -> tuple[float, float]:
-    """Offset [s] that leaves no delay between truth and measured positions, and its deviation."""
-    velocity = np.column_stack([np.gradient(column, t) for column in measured.T])
-    # Way that a joint moves or moved last, -1 to 1.
-    moves = np.abs(velocity) > _STANDS * np.sqrt(np.mean(velocity**2, axis=0))
-    last = np.maximum.accumulate(np.where(moves, np.arange(len(t))[:, None], 0))
-    direction = np.take_along_axis(np.sign(velocity), last, axis=0)
-    limit = np.median(np.diff(t)) + np.median(np.diff(truth_t))
-    stride = -(-len(truth_t) // _MAX_ROWS)
-    truth_t, truth = truth_t[::stride], truth[::stride]
-    for _ in range(_ROUNDS):
-        stamps = truth_t + offset
-        inside = (stamps >= t[0]) & (stamps <= t[-1])
-        position, speed, way = (
-            np.column_stack([np.interp(stamps[inside], t, column) for column in values.T])
-            for values in (measured, velocity, direction)
-        )
-        regressors = np.column_stack([np.ones(len(position)), position, way])
-        step = _regressed_lag(regressors, speed, truth[inside])
-        offset += float(np.clip(step, -limit, limit))
-        if abs(step) < 1e-6:
-            break
-    parts = np.arange(len(regressors)) * _BLOCKS // len(regressors)
-    left_out = [
-        _regressed_lag(regressors[rows], speed[rows], truth[inside][rows])
-        for rows in (parts != part for part in range(_BLOCKS))
-    ]
-    frictionless = _regressed_lag(regressors[:, : 1 + position.shape[1]], speed, truth[inside])
-    jackknife_sd = math.sqrt(len(left_out) - 1) * float(np.std(left_out))
-    return offset, math.hypot(jackknife_sd, frictionless - step)
-
-
-def _regressed_lag(regressors: Array, velocity: Array, truth: Array) -> float:
-    """Delay [s] of measured positions behind the truth, of each joint by how well it is known.
-
-    Each truth is regressed on `regressors` (one, the positions, the directions) and its joint's
-    velocity: a position that comes `d` too late lacks `d` times the velocity.
-    """
-    delays, weights = [], []
-    for k in range(truth.shape[1]):
-        X = np.column_stack([regressors, velocity[:, k]])
-        coefficients, *_ = np.linalg.lstsq(X, truth[:, k])
-        # What of the velocity nothing else explains tells how well its coefficient is known.
-        unexplained = X[:, -1] - regressors @ np.linalg.lstsq(regressors, X[:, -1])[0]
-        residual = np.sum((truth[:, k] - X @ coefficients) ** 2) + np.finfo(float).tiny
-        slope = coefficients[1 + k]
-        delays.append(coefficients[-1] / slope)
-        weights.append(slope**2 * np.sum(unexplained**2) / residual)
-    return float(np.average(delays, weights=weights))

@@ -61,9 +61,15 @@ def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[
     """Lag of all truth joints together: the mean of two for each joint.
 
     One is beside plays of many half-widths, one beside those of few and low-passed efforts. By how
-    much these differ is part of the deviation, and so is by how much joints do.
+    much these differ is part of the deviation, and so is by how much joints do. At one speed a
+    loop could pass for a lag: then so is what the lag would be if there were none.
     """
-    return _by_two(list(map(_Motion.of, recordings, explained)))
+    motions = list(map(_Motion.of, recordings, explained))
+    lag = _by_two(motions)
+    if lag.speeds_differ:
+        return lag
+    seconds, *_ = _mean([motion.lag(motion.places) for motion in motions])
+    return replace(lag, sd=math.hypot(lag.sd, lag.seconds - seconds))
 
 
 def lags_alone_and_together(

@@ -18,7 +18,7 @@ from truejoint.recordings.judge.data_check import DataCheck, check_data
 from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding, Level
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.recordings.table.recording import Recording, as_recording
-from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, velocity
+from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, Stream, velocity
 
 NO_STAMP: Final = "stamp of 0, which says that there is none"
 _REPEATED: Final = "repeated time stamp"
@@ -241,12 +241,12 @@ def _judge_overlap(recording: Recording, truth: Sequence[str]) -> Iterable[Findi
 
 def _judge_delay(recording: Recording, truth: Sequence[str]) -> Iterable[Finding]:
     """Judge a shift of the truth's clock by the motion that both saw."""
-    t, measured, positions = recording.t, *(recording.columns(q, truth) for q in _POSITIONS)
-    rows = np.isfinite(positions).all(axis=1)
-    if not truth or rows.sum() < 100:
+    known = recording.with_truth(truth) if truth else None
+    if known is None or len(known) < 100:
         return
+    stream = Stream(known.t, {f"truth/{joint}": known.column(f"truth/{joint}") for joint in truth})
     try:
-        shift = find_clock_offset(t, measured, t[rows], positions[rows], truth, near=0.0)
+        shift = find_clock_offset(recording, stream, near=0.0)
     except RecordingError:
         return  # what does not follow is not late: the other findings judge it
     what = f"the truth is {-shift.seconds:+.3f} s behind the state, +- {shift.sd:.3f} s"

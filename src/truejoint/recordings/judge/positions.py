@@ -30,7 +30,6 @@ from truejoint.recordings.judge.finding import (
     Level,
     Rows,
     count,
-    file_name,
     one_line_each,
 )
 from truejoint.recordings.table.recording import Recording
@@ -60,9 +59,6 @@ _MOST_ROWS: Final = 2000
 _FARTHEST: Final = {"rad": 4.0 * math.pi, "m": 2.0}  # that a joint without limits moves
 _SLACK: Final = 0.1  # of the travel between limits
 _RIDGE_LEFT_OUT: Final = 1e-2  # of the rows: a recording left out may lie outside
-_FEWEST_APART: Final = 4  # recordings, of which one can stand apart
-_FARTHER: Final = 10.0  # times as far as the others
-_SMALLEST_VARIANCE: Final = 1e-4  # of scaled inputs in any direction
 
 
 def judge_positions(
@@ -106,8 +102,6 @@ def judge_positions(
     marked += [(defect, r) for r in recordings for defect in _judge_swapped(r, joints)]
     yield from one_line_each(marked, recordings)
     yield from delays
-    if truths:
-        yield from _judge_instruments(*truths[0])
 
 
 def _apart_from_stops(
@@ -228,11 +222,8 @@ def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list
 def _judge_steps(
     recording: Recording, explained: Explained, name: str, share: float
 ) -> Iterable[Defect]:
-    column, steps = (
-        f"{explained.quantity}/{explained.joint}",
-        find_steps(recording, explained, share),
-    )
-    unit, t = recording.units[column], recording.t
+    column = f"{explained.quantity}/{explained.joint}"
+    unit, t, steps = recording.units[column], recording.t, find_steps(recording, explained, share)
     slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     if len(steps.outliers):
         rows = _row_ranges(steps.outliers)
@@ -438,28 +429,3 @@ def left_out_zeros(
             half_loops[k] = 0.5 * abs(up - down)
     spreads = [robust_spread(residual) for residual in residuals]
     return zeros, half_loops, float(np.median(spreads))
-
-
-def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:
-    """Find signals of another instrument, by the RMS Mahalanobis distance from the others'."""
-    if len(recordings) < _FEWEST_APART:
-        return
-    inputs = [explained.scaled(sample.inputs) for sample in explained.samples]
-    sums = np.array([x.sum(axis=0) for x in inputs])
-    squares = np.array([x.T @ x for x in inputs])
-    counts = np.array([len(x) for x in inputs])
-    n = counts.sum() - counts  # of the others, as all that follows
-    means = (sums.sum(axis=0) - sums) / n[:, None]
-    covariances = (squares.sum(axis=0) - squares) / n[:, None, None]
-    values, vectors = np.linalg.eigh(covariances - means[:, :, None] * means[:, None, :])
-    deviations = np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
-    others = zip(inputs, means, vectors, deviations, strict=True)
-    rms = [np.sqrt(np.mean(((x - mean) @ axes / sd) ** 2)) for x, mean, axes, sd in others]
-    farther = np.array(rms) / np.median(rms)
-    for index in np.flatnonzero(farther > _FARTHER).tolist():
-        what = (
-            f"its signals lie {farther[index]:.0f} times as far from the others' as those from "
-            "each other"
-        )
-        advice = "is it of another instrument, or another motion? keep those apart"
-        yield Finding("warn", "instrument", what, file_name(recordings[index]), advice)

@@ -17,7 +17,7 @@ from truejoint.recordings.read.mapped import MapSource
 from truejoint.recordings.read.numeric_text import text_layout
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import Recording, as_recordings
-from truejoint.recordings.table.stream_file import SUFFIX, TOPICS_SUFFIX
+from truejoint.recordings.table.stream_file import SUFFIX
 
 PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
 """What a caller may state about any file, and that replaces what the file says."""
@@ -132,8 +132,6 @@ def why_no_recording(
     try:
         head = None if path.is_dir() else Head.of(path)
         name = _detect(path, head, with_map=column_map is not None)
-        if path.name.endswith(TOPICS_SUFFIX):
-            return "holds the topics of another recording"
         if name == "csv" and head is not None:
             header = mapped.read_header(head, column_map)
             if not any(column.startswith("measured/") for column in header.columns.columns):
@@ -177,7 +175,7 @@ def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
     elif head.data.startswith(PARQUET_MAGIC):
         return "parquet"
     elif source.suffix == SUFFIX:
-        return "arrows"
+        return "stream"
     elif with_map:
         return "csv" if head.is_text else "arrays"
     elif not head.is_text:

@@ -1,22 +1,23 @@
-"""What a recorder has got so far, on disk while it records: an Arrow stream of blocks."""
+"""What a recorder has got so far, on disk while it records: one block after the other.
+
+A block is a line of JSON with a hash, then its rows: stamps and columns, float64 little-endian. The
+first one has no rows and says what is recorded.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 
 from truejoint.array_types import Array
-from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
-from truejoint.errors import RecordingError, words
+from truejoint.errors import RecordingError
 from truejoint.files import reason
 from truejoint.recordings.bounded_file import MAX_VALUES, require_file
 from truejoint.recordings.table import parquet
@@ -24,36 +25,13 @@ from truejoint.recordings.table.recording import Provenance, Recording, nominal_
 from truejoint.recordings.table.stream import BACK, Stream, forward_rows, synchronise
 from truejoint.robots import Robot
 
-SUFFIX: Final = ".arrows"  # Arrow's own for streams
-TOPICS_SUFFIX: Final = f".topics{SUFFIX}"  # of what stands beside a recording
+SUFFIX: Final = ".stream"
 STATE: Final = "state"
 TRUTH: Final = "truth"
 _END: Final = "end"  # whose one block stands last in a file that was closed
-_VERSION: Final = 1
-_DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  # says Arrow
-# A block is one row of bytes, float64 little-endian: arrays that Arrow itself would unpack could,
-# damaged, end the process.
-_SCHEMA: Final = pa.schema([("t", pa.binary()), ("values", pa.binary())])
-
-
-@dataclass
-class StreamSize:
-    """How much of one stream is in a file."""
-
-    rows: int = 0
-    size: int = 0  # bytes that they take
-    first: float = math.nan  # stamps of the first and the last row [s]
-    last: float = math.nan
-
-    @property
-    def rate(self) -> float:
-        """Mean rate [Hz]; NaN of fewer than 2 rows."""
-        span = self.last - self.first
-        return (self.rows - 1) / span if self.rows > 1 and span > 0.0 else math.nan
-
-    def __str__(self) -> str:
-        rate = "" if math.isnan(self.rate) else f" at {self.rate:.4g} Hz"
-        return f"{self.rows} rows{rate}, {self.size / 1e6:.2f} MB"
+_CUT_SHORT: Final = "cut short while it was recorded"
+_VERSION: Final = 2
+_MAX_LINE_BYTES: Final = 1 << 22
 
 
 class StreamWriter:
@@ -66,91 +44,93 @@ class StreamWriter:
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         self.path: Final = Path(path)
-        self.streams: Final[dict[str, StreamSize]] = {}  # what was written
         try:
             self._file: BinaryIO = self.path.open("xb")
         except OSError as error:
             raise RecordingError(f"{path}: {reason(error)}; choose another name") from None
-        signed = {parquet.KEY: parquet.sign({"version": _VERSION, **header}, {})}
-        self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata(signed))
-        self.size = self._file.tell()  # bytes so far
+        self._append({"version": _VERSION, **header}, np.empty((0, 1)))
 
     def write(self, stream: str, t: Array, columns: Mapping[str, Array]) -> None:
         """Append rows of one stream: stamps (n,) [s] and columns (n,) by name [SI].
 
         Raises RecordingError if the disk is full or gone; what was written before stays.
         """
-        values = np.column_stack([*columns.values()]) if columns else np.empty((len(t), 0))
-        block = {"stream": stream, "columns": list(columns)}
-        signed = {parquet.KEY: parquet.sign(block, {"t": t, "values": values})}
-        row = [pa.array([np.asarray(a, "<f8").tobytes()], pa.binary()) for a in (t, values)]
-        batch = pa.record_batch(row, schema=_SCHEMA)
+        block = {"stream": stream, "columns": list(columns), "rows": len(t)}
+        self._append(block, np.column_stack([t, *columns.values()]))
+
+    def _append(self, block: Mapping[str, Any], rows: Array) -> None:
         if self._file.closed:
             raise RecordingError(f"{self.path}: is closed; open another")
+        line = parquet.sign(block, {"rows": rows})
         try:
-            self._stream.write_batch(batch, custom_metadata=signed)
+            self._file.write(line + b"\n" + rows.astype("<f8").tobytes())
             self._file.flush()
-        except (OSError, pa.ArrowException) as error:
-            why = reason(error) if isinstance(error, OSError) else words(error)
+        except OSError as error:
+            why = reason(error)
             raise RecordingError(f"{self.path}: {why}; what was written before is kept") from None
-        if len(t):
-            size = self.streams.setdefault(stream, StreamSize(first=float(t[0])))
-            size.rows, size.last = size.rows + len(t), float(t[-1])
-            size.size += self._file.tell() - self.size
-        self.size = self._file.tell()
 
-    def close(self) -> None:
-        """End the stream; once more does nothing."""
-        if not self._file.closed:
-            with suppress(RecordingError):
-                self.write(_END, np.empty(0), {})
-            with suppress(OSError, pa.ArrowException):
-                self._stream.close()
+    def close(self, reason: str = "") -> None:
+        """End the stream, with a `reason` if it has one; once more does nothing."""
+        with suppress(RecordingError):
+            self._append({"stream": _END, "reason": reason}, np.empty((0, 1)))
+        with suppress(OSError):
             self._file.close()
 
 
-def read_streams(
-    path: str | os.PathLike[str], wanted: Callable[[str], bool] = lambda _: True
-) -> tuple[dict[str, Any], dict[str, Stream], str]:
-    """Header, streams by name, and how the file ends: empty, or in words that it was cut short.
+def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Stream], str]:
+    """Header, streams by name, and in words why the file ends: empty if it is whole.
 
-    Streams whose name is not `wanted` are left out. Raises RecordingError if the file is not there,
-    is none of these, or holds a block that is not as it was written.
+    Raises RecordingError if the file is not there, is none of these, or holds a block that is not
+    as it was written.
     """
     source = require_file(Path(path))
-    blocks: dict[str, list[tuple[list[str], Array, Array]]] = {}
-    whole, total = False, 0
+    parts: dict[str, tuple[list[str], list[Array]]] = {}
+    end, total = _CUT_SHORT, 0
     try:
-        with pa.memory_map(str(source)) as file, suppress(*_DAMAGE):
-            if any(map(_is_packed, pa.ipc.MessageReader.open_stream(file))):
-                raise RecordingError(f"{source}: was packed, as no recorder's stream is")
-        with source.open("rb") as file, pa.ipc.open_stream(file) as reader:
-            header = _header(source, reader.schema)
-            while True:
-                try:
-                    batch, described = reader.read_next_batch_with_custom_metadata()
-                except (StopIteration, *_DAMAGE):  # for a damaged length there is no memory
-                    break
-                name, block = _block(source, batch, described)
-                whole = name == _END
-                if not whole and wanted(name):
-                    total += block[2].size
-                    if total > MAX_VALUES:
-                        raise RecordingError(
-                            f"{source}: more than {MAX_VALUES} values; record less"
-                        )
-                    blocks.setdefault(name, []).append(block)
-    except _DAMAGE as error:
-        raise RecordingError(f"{source}: is no stream of a recorder ({words(error)})") from None
-    end = "" if whole else "cut short while it was recorded"
+        with source.open("rb") as file:
+            blocks = _blocks(source, file)
+            header, _ = next(blocks, ({}, None))
+            if "version" not in header:
+                raise RecordingError(f"{source}: is no stream of a recorder")
+            parquet.check_version(source, header, _VERSION)
+            for block, rows in blocks:
+                name, columns = str(block.get("stream")), list(map(str, block.get("columns", [])))
+                end = str(block.get("reason", "")) if name == _END else _CUT_SHORT
+                if name == _END:
+                    continue
+                total += rows.size
+                if total > MAX_VALUES:
+                    raise RecordingError(f"{source}: more than {MAX_VALUES} values; record less")
+                names, of_stream = parts.setdefault(name, (columns, []))
+                if names != columns:
+                    raise RecordingError(f"{source}: the columns of {name} change on the way")
+                of_stream.append(rows)
+    except OSError as error:
+        raise RecordingError(f"{source}: cannot be read: {reason(error)}") from None
     streams = {}
-    for name, parts in blocks.items():
-        names = parts[0][0]
-        if any(columns != names for columns, _, _ in parts):
-            raise RecordingError(f"{source}: the columns of {name} change on the way")
-        t, values = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-        streams[name] = Stream(t, dict(zip(names, values.T, strict=True)))
+    for stream, (names, pieces) in parts.items():
+        t, *values = np.concatenate(pieces).T
+        streams[stream] = Stream(t, dict(zip(names, values, strict=True)))
     return header, streams, end
+
+
+def _blocks(source: Path, file: BinaryIO) -> Iterator[tuple[dict[str, Any], Array]]:
+    """Give description and rows (n, 1 + n_columns) of each block, up to one that is cut short."""
+    size = source.stat().st_size
+    while (line := file.readline(_MAX_LINE_BYTES)).endswith(b"\n"):
+        block = parquet.parse_header(line) or {}
+        count, columns = block.get("rows", 0), block.get("columns", [])
+        known = isinstance(count, int) and count >= 0 and isinstance(columns, list)
+        shape = (count, 1 + len(columns)) if known else (0, 1)
+        taken = 8 * math.prod(shape)
+        if taken > size - file.tell():
+            return
+        rows = np.frombuffer(file.read(taken), "<f8").reshape(shape)
+        if not known or not parquet.is_unchanged(block, {"rows": rows}):
+            raise RecordingError(
+                f"{source}: is not as a recorder wrote it; the file was damaged or edited"
+            )
+        yield block, rows
 
 
 def read_stream_file(path: str | os.PathLike[str]) -> Recording:
@@ -159,7 +139,7 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     Raises RecordingError as `read_streams`, or if there are fewer than 2 rows of the state.
     """
     source = Path(path)
-    header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))
+    header, streams, end = read_streams(source)
     provenance, robot = parquet.recorded(source, header)
     try:
         limits = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
@@ -168,45 +148,6 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     notes = "; ".join(filter(None, (provenance.notes, end)))
     origin = replace(provenance, source=str(source), notes=notes)
     return recording_of_streams(streams.get(STATE), streams.get(TRUTH), origin, robot, *limits)
-
-
-def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
-    """CRTK topics that a recorder kept, a table each: stamps ``t`` [s] and fields, at its own rate.
-
-    Fields are those of `truejoint.crtk.topics.topic_columns`; ``operating_state`` has the state's
-    name, and whether the arm was homed and busy. Stamps are on the arm's clock, those of the
-    recording beside it count from its ``provenance.start``.
-
-    Raises
-    ------
-    RecordingError
-        As `read_streams`, or if no topic is in the file.
-
-    Examples
-    --------
-    >>> with truejoint.recordings.Recorder(arm, path="a.parquet", topics={"measured_cp": 50.0}):
-    ...     arm.wait(1.0)
-    >>> topics = truejoint.recordings.read_recorded_topics("a.topics.arrows")
-    >>> len(topics["measured_cp"])
-    50
-    """
-    _, streams, _ = read_streams(path, lambda name: name in TOPICS)
-    if not streams:
-        raise RecordingError(f"{path}: holds no topic; record some, with `collect --topic`")
-    tables = {
-        name: pd.DataFrame({"t": stream.t, **stream.columns}) for name, stream in streams.items()
-    }
-    if OPERATING_STATE in tables:
-        # Told by several threads, one of which may have come late.
-        states = tables[OPERATING_STATE].sort_values("t", kind="stable", ignore_index=True)
-        tables[OPERATING_STATE] = states
-        numbers = states["state"].to_numpy()
-        if not np.isin(numbers, range(len(STATES))).all():
-            raise RecordingError(f"{path}: names operating states that this truejoint lacks")
-        states["state"] = [STATES[int(number)] for number in numbers]
-        for name in ("is_homed", "is_busy"):
-            states[name] = states[name] > 0.0
-    return tables
 
 
 def recording_of_streams(
@@ -248,51 +189,3 @@ def _forward(stream: Stream, name: str) -> tuple[Stream, dict[str, int]]:
     """All rows but those of a clock that was set back, and how many those are."""
     forward = forward_rows(stream.t)
     return stream.rows(forward), {f"{name}: {BACK}": int((~forward).sum())}
-
-
-def _header(source: Path, schema: Any) -> dict[str, Any]:
-    header = parquet.parse_header(schema.metadata)
-    if header is None or not schema.equals(_SCHEMA):
-        raise RecordingError(f"{source}: was not written by truejoint's recorder")
-    parquet.check_version(source, header, _VERSION)
-    if not parquet.is_unchanged(header, {}):
-        raise RecordingError(f"{source}: its header is not as it was written; the file was damaged")
-    return header
-
-
-def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str], Array, Array]]:
-    """Stream that a block belongs to, its columns, stamps (n,) and values (n, n_columns)."""
-    batch.validate(full=True)
-    block = parquet.parse_header(metadata) or {}
-    names = block.get("columns")
-    if isinstance(names, list) and batch.num_rows == 1:
-        pair = [column[0].as_py() for column in batch.columns]
-        whole = all(isinstance(a, bytes) and len(a) % 8 == 0 for a in pair)
-        t, values = (np.frombuffer(a, "<f8") if whole else np.empty(1) for a in pair)
-        if whole and values.size == len(t) * len(names):
-            values = values.reshape(len(t), len(names))
-            if parquet.is_unchanged(block, {"t": t, "values": values}):
-                return str(block["stream"]), (names, t, values)
-    raise RecordingError(
-        f"{source}: a block is not as it was written; the file was damaged or edited"
-    )
-
-
-def _is_packed(message: Any) -> bool:
-    """Whether a message of Arrow is compressed, which Arrow itself would unpack without a bound.
-
-    Arrow has checked that its metadata is a flatbuffer (format/Message.fbs).
-    """
-    data = message.metadata.to_pybytes()
-
-    def number(at: int, size: int = 4) -> int:
-        return int.from_bytes(data[at : at + size], "little")
-
-    def field(table: int, index: int) -> int:
-        """Place of what a field of a table refers to; 0 if it has no such field."""
-        names = (table - number(table)) % (1 << 32)
-        there = 4 + 2 * index < number(names, 2) and number(names + 4 + 2 * index, 2)
-        return table + there + number(table + there) if there else 0
-
-    header = field(number(0), 2)
-    return bool(header and field(header, 3))
