@@ -15,8 +15,8 @@ from pathlib import Path
 
 # The quick ones first; `mutants` is asked for by name.
 BENCHMARKS = (
-    "recorder", "speed", "tracker", "data_check", "faults", "disk_faults", "touch", "tip_error",
-    "monitor", "loop", "margins", "ros_link",
+    "recorder", "speed", "tracker", "data_check", "faults", "touch", "tip_error", "monitor",
+    "loop", "margins", "ros_link",
 )  # fmt: skip
 
 

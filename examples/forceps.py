@@ -92,8 +92,7 @@ for name in ("nominal", stiffer):
     show("forceps-strategies", specimen=name)
 
 # %% [markdown]
-# ## The load itself, and the zero after homing
+# ## The load itself
 
 # %%
 show("forceps-load")
-show("forceps-rezero")

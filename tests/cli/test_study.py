@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -50,17 +51,19 @@ def test_a_designers_own_file_is_taken(call, tmp_path):
     path = tmp_path / "stiff.toml"
     path.write_text("[drive_cable]\nstiffness = 16000.0\n", encoding="utf-8")
     result = call(
-        "study", "forceps-recordings", "--set", f"specimen={path}", "--set", "motions=cycle",
-        "-o", tmp_path, "--jobs", "1",
+        "study", "forceps-unloaded", "--set", f"specimen={path}", "--set", "methods=lsm",
+        "--set", "draws=1", "-o", tmp_path, "--jobs", "1",
     )  # fmt: skip
     assert result.code == 0
-    assert (tmp_path / "forceps-recordings" / "cycle-stiff.parquet").exists()
+    assert "specimen stiff" in (tmp_path / "forceps-unloaded" / "forceps-unloaded.md").read_text()
 
 
 @pytest.fixture
 def two_studies(monkeypatch, tmp_path):
-    """The only studies there are: recordings of a forceps, and one that is refused."""
-    known = {name: STUDIES[name] for name in ("forceps-recordings", "real")}
+    """The only studies there are: one of a forceps with one method, and one that is refused."""
+    one = STUDIES["forceps-unloaded"]
+    few = [replace(o, small=("lsm",)) if o.name == "methods" else o for o in one.options]
+    known = {one.name: replace(one, options=tuple(few)), "real": STUDIES["real"]}
     for module in ("truejoint.cli.study", "truejoint.studies.page"):
         monkeypatch.setattr(f"{module}.STUDIES", known)
     monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
@@ -70,12 +73,12 @@ def two_studies(monkeypatch, tmp_path):
 def test_all_studies_leave_one_page_though_one_is_refused(call, tmp_path):
     result = call("study", "all", "--preset", "small", "-o", tmp_path, "--jobs", "1", "--json")
     assert result.code == 2
-    assert list(json.loads(result.out)) == ["forceps-recordings"]
+    assert list(json.loads(result.out)) == ["forceps-unloaded"]
     assert "truejoint datasets fetch" in " ".join(result.err.split())
     assert "not done: real" in result.err.splitlines()[-1]
     page = (tmp_path / "index.html").read_text()
     assert "1 of 2 studies" in page
-    assert 'href="forceps-recordings/forceps-recordings.html"' in page
+    assert 'href="forceps-unloaded/forceps-unloaded.html"' in page
     assert "truejoint study all --preset small" in page
 
 

@@ -61,8 +61,8 @@ class StateBlock(Block):
     motor, motor_velocity : ndarray
         Motor-shaft angle [rad] and speed [rad/s].
     extra : mapping of str to ndarray, shape (n,)
-        Whatever else is read with the state, by its column in a recording: ``cable/drive``,
-        ``tension/pitch``, a simulation's ``truth_load/jaw``.
+        Whatever else is read with the state, by its column in a recording: ``cable/drive``, a
+        simulation's ``truth_load/jaw``.
 
     Examples
     --------

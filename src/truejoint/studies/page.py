@@ -1,4 +1,4 @@
-"""What a study leaves: page, tables, numbers, pictures, recordings; one page over all studies."""
+"""What a study leaves: page, tables, numbers, pictures; one page over all studies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import Any, Final
 from truejoint.drawing import png
 from truejoint.errors import StudyError, other_kind
 from truejoint.evaluation.report.page import render_page, versions
-from truejoint.recordings import write_parquet
 from truejoint.studies.runner import StudyResult, write_bytes
 from truejoint.studies.study import STUDIES, VERDICTS, Settings, Study
 
@@ -41,7 +40,7 @@ def _read(path: Path) -> dict[str, Any]:
 def write_study(
     result: StudyResult, folder: str | Path, *, command: str = "", overwrite: bool = False
 ) -> list[Path]:
-    """Write page (.html), tables (.md), numbers (.json), figures (.png) and recordings (.parquet).
+    """Write page (.html), tables (.md), numbers (.json) and figures (.png).
 
     Results of the same study and settings are written over. Returns the files, the page first.
 
@@ -62,9 +61,9 @@ def write_study(
 
     Examples
     --------
-    >>> result = run_study("forceps-rezero", {"shifts_um": "20"})  # doctest: +SKIP
-    >>> write_study(result, "studies/forceps-rezero")[0]  # doctest: +SKIP
-    PosixPath('studies/forceps-rezero/forceps-rezero.html')
+    >>> result = run_study("forceps-load", {"masses_g": "100"})  # doctest: +SKIP
+    >>> write_study(result, "studies/forceps-load")[0]  # doctest: +SKIP
+    PosixPath('studies/forceps-load/forceps-load.html')
     """
     if not isinstance(result, StudyResult):
         raise StudyError(other_kind(result, "StudyResult", "give what `run_study` gives"))
@@ -93,10 +92,7 @@ def write_study(
     }
     for file, data in files.items():
         write_bytes(file, data)
-    recordings = {target / f"{key}.parquet": one for key, one in summary.recordings.items()}
-    for file, recording in recordings.items():
-        write_parquet(recording, file, overwrite=True)
-    return [*files, *recordings]
+    return list(files)
 
 
 def write_overview(folder: str | Path, *, command: str = "") -> Path:

@@ -64,8 +64,8 @@ class StudyResult:
 
     Examples
     --------
-    >>> result = run_study("forceps-rezero", {"shifts_um": "20"})  # doctest: +SKIP
-    >>> result.rows.groupby("method").rms.median()  # doctest: +SKIP
+    >>> result = run_study("forceps-load", {"masses_g": "100"})  # doctest: +SKIP
+    >>> result.rows.groupby("case").load_rms.median()  # doctest: +SKIP
     """
 
     study: Study

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from truejoint.drawing import Figure
-    from truejoint.recordings import Recording
     from truejoint.tables import Table
 
 Scalar = int | float | str
@@ -267,7 +266,7 @@ class Statement:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study makes of its parts: tables, claims, and by file name figures and recordings.
+    """What a study makes of its parts: tables, claims, and by file name figures.
 
     Examples
     --------
@@ -278,7 +277,6 @@ class Summary:
     tables: Sequence[Table] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     claims: Sequence[Claim] = ()
-    recordings: Mapping[str, Recording] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

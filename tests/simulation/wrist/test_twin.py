@@ -5,7 +5,6 @@ import pytest
 from tests.robots.test_cable_mechanism import TOOL
 
 from truejoint.errors import CommandRefused, RobotError, TruejointError
-from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import FAMILIES, family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
 
@@ -60,27 +59,10 @@ def test_jaws_close_on_what_is_held():
     assert twin.run(np.tile(twin.robot.home, (500, 1))).extra["truth_load/grip"][-1] > 0.05
 
 
-@pytest.mark.parametrize(
-    ("which", "columns"),
-    [
-        ("none", set()),
-        ("one", {"tension/pitch_a", "tension/jaw1_a", "tension/jaw2_a"}),
-        ("both", {f"tension/{j}_{e}" for j in ("pitch", "jaw1", "jaw2") for e in "ab"}),
-    ],
-)
-def test_tensions_are_read_where_they_are_measured(which, columns):
-    twin = WristTwin(WristParameters.read().with_values({"sensors.tensions": which}), seed=1)
-    out = twin.run(np.zeros((20, 3)))
-    assert {name for name in out.extra if name.startswith("tension/")} == columns
-
-
 def test_what_a_mechanism_lacks_is_not_ignored(tmp_path):
     path = tmp_path / "finger.toml"
     path.write_text(TOOL)
-    both = WristParameters.read().with_values({"sensors.tensions": "both"})
-    twin = WristTwin(both, robot=str(path))
-    # The tension at a spring is none at a motor.
-    assert {"tension/pull"} == {n for n in twin.run(np.zeros((2, 1))).extra if "tension" in n}
+    twin = WristTwin(robot=str(path))
     with pytest.raises(RobotError, match="finger states no arm that a load pulls at"):
         twin.load = 0.1
     twin.held = lambda t: np.zeros(len(t))

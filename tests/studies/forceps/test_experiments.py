@@ -10,14 +10,12 @@ from pandas import DataFrame
 
 from truejoint.errors import CommandRefused, StudyError, TruejointError
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
-from truejoint.recordings import Recording, read_recording
-from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.forceps.specimens import population, specimen
-from truejoint.studies import get_study, run_study, write_study
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.studies import get_study, run_study
 from truejoint.studies.forceps import closed_loop, load, methods, motions
-from truejoint.studies.forceps.motions import load_test, plain_specimen, record
-from truejoint.studies.forceps.population import front, share, unseen_turn
+from truejoint.studies.forceps.motions import plain_specimen, record
+from truejoint.studies.forceps.population import share
 from truejoint.studies.rows import select
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
@@ -140,38 +138,19 @@ def test_other_frictions_and_weights_are_judged_together(drawn):
     options = {"count": 1, "masses_g": "100", "methods": "ukf_compensated,play_gated"}
     result = run_study("forceps-mixed", options)
     rows = select(result.rows, method="play_gated")
-    ours, *hung = rows.itertuples()
+    ours, *_ = rows.itertuples()
     (paper,) = select(result.rows, method="ukf_compensated", load="unloaded").rms
     assert np.degrees(ours.rms) < 0.05
     assert ours.rms < paper
     assert list(rows.load) == ["unloaded", "100 g opposing", "100 g along"]
     assert 0.85 < ours.inside < 0.98
-    assert 0.8 * ours.rms < ours.floor < ours.rms
-    assert [case.unseen for case in hung] == [0.0, 0.0]  # no guide holds this one
     (table,) = result.summary.tables
-    assert table.notes[2].startswith("The reference encoder's noise and counts alone are 0.03")
-    assert table.notes[3].startswith("In 0.0 % of the cases in phase IV the weight turned the jaw")
-    assert table.notes[4].startswith("gated plays (our default): a stated 90 % holds in")
+    assert table.notes[2].startswith("gated plays (our default): a stated 90 % holds in")
     assert drawn(result)
     with pytest.raises(TruejointError, match="no prior called 'dahl'"):
         run_study("forceps-mixed", {"prior": "dahl"})
     with pytest.raises(TruejointError, match="a load of 9 kg"):
         run_study("forceps-mixed", {"masses_g": "9000"})
-
-
-def test_a_turn_that_no_sensor_shows_is_no_estimates_error():
-    plant = specimen()
-    test = load_test(0.1, "along", quick=True, end=17.0)
-    t = np.arange(0.0, test.end, 0.01)
-    turned = np.where(t > test.loaded_to, np.radians(33.0), np.radians(30.0))
-
-    def unseen(moved: float) -> float:
-        reset = np.where(t > test.loaded_to, 2e-3 + moved, 2e-3)
-        columns = {"t": t, "measured/jaw": 0 * t, "truth_exact/jaw": turned, "cable/reset": reset}
-        return unseen_turn(plant, Recording.from_columns(columns, "forceps"), test)
-
-    assert unseen(0.5e-6) == pytest.approx(np.radians(3.0))
-    assert unseen(1.5e-6) == 0.0
 
 
 def test_shares_count_specimens():
@@ -183,7 +162,7 @@ def test_shares_count_specimens():
 def test_loads_are_weighed(monkeypatch):
     monkeypatch.setattr(load, "CALIBRATION_WEIGHTS", (0.1, 0.25))
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
-    opposing, along, unloaded, _ = result.rows.itertuples()
+    opposing, along, unloaded = result.rows.itertuples()
     assert along.identified == pytest.approx(along.torque, rel=0.1)
     missed = abs(opposing.identified - opposing.torque)
     assert missed < 2.0 * along.true_friction + 0.1 * abs(along.torque)
@@ -194,18 +173,6 @@ def test_loads_are_weighed(monkeypatch):
     weights, errors = result.summary.tables
     assert "Dead band" in weights.markdown()
     assert "Stiffness within 5 % in 100 %." in errors.markdown()
-
-
-@pytest.mark.usefixtures("briefer")
-def test_homing_is_mended(drawn):
-    result = run_study(
-        "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
-    )
-    before, after = result.rows.itertuples()
-    assert before.estimate == before.taken_off == pytest.approx(2e-5, abs=3e-6)
-    assert before.rms > np.radians(0.2)
-    assert after.rms < np.radians(0.06)
-    assert drawn(result)
 
 
 @pytest.mark.usefixtures("briefer")
@@ -221,7 +188,6 @@ def test_the_jaw_follows_in_a_closed_loop(drawn):
         assert closed.rms < np.radians(0.25) < 4 * closed.rms + open_loop.rms
         assert closed.rms < 0.2 * open_loop.rms
         assert closed.corrected > 0.99
-    assert result.rows.stable.dropna().iloc[0]
     assert drawn(result)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
@@ -254,10 +220,10 @@ def test_a_loop_that_refuses_is_not_within(monkeypatch):
 
 
 @pytest.mark.usefixtures("briefer")
-def test_a_sweep_says_what_a_designer_must_pay(drawn):
+def test_a_sweep_says_which_sensors_a_designer_needs():
     options = {
-        "layouts": "motor,x2,motor+x2", "resolutions_um": "1,20", "prices": "4,1",
-        "stiffnesses_kNm": "6", "homings_um": "0,10", "count": 1,
+        "layouts": "motor,x2,motor+x2", "resolutions_um": "1,20", "stiffnesses_kNm": "6",
+        "homings_um": "0,10", "count": 1,
     }  # fmt: skip
     result = run_study("forceps-sweep", options)
     soft = result.rows.set_index(["layout", 1e6 * result.rows.resolution, 1e6 * result.rows.homing])
@@ -266,21 +232,13 @@ def test_a_sweep_says_what_a_designer_must_pay(drawn):
     assert unloaded["x2", 1, 0] < unloaded["x2", 1, 10]
     assert soft.loaded["x2", 1, 0] < 0.1 * soft.loaded["motor", 1, 0]
     assert ("motor", 20, 0) not in soft.index  # nothing that a cable's encoder changes
-    best, every = result.summary.tables
-    assert [float(row[1]) for row in best.rows] == sorted({float(row[1]) for row in best.rows})
-    assert len(every.rows) == 1 + 2 * 2 * 2
-    assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
-    assert drawn(result)
-    for wrong, why in (("layouts", "no layout called 'x9'"), ("prices", "one for each")):
+    median, worst = result.summary.tables
+    assert median.rows == worst.rows  # of one specimen
+    assert len(median.rows) == 1 + 2 * 2 * 2
+    assert "Designs that keep 0.1 deg on every specimen" in median.notes[1]
+    for wrong, why in (("layouts", "no layout called 'x9'"), ("resolutions_um", "above 0")):
         with pytest.raises(StudyError, match=why):
-            run_study("forceps-sweep", {**options, wrong: "x9" if wrong == "layouts" else "1"})
-
-
-def test_a_front_drops_what_a_cheaper_design_beats():
-    designs = DataFrame(
-        {"price": [1.0, 2.0, 2.0, 3.0], "typical": [0.5, 0.4, 0.3, 0.3]}, index=list("abcd")
-    )
-    assert list(front(designs).index) == ["a", "c"]
+            run_study("forceps-sweep", {**options, wrong: "x9" if wrong == "layouts" else "-1"})
 
 
 @pytest.mark.usefixtures("briefer")
@@ -315,19 +273,9 @@ def test_a_specimen_is_the_same_after_a_trip_through_plain_values():
     assert ForcepsParameters.from_dict(plain_specimen("B")) == specimen("B")
 
 
-def test_motions_become_recordings(tmp_path):
-    options = {"motions": "load,cycle", "load_g": 50, "log_rate_hz": 50}
-    result = run_study("forceps-recordings", options)
-    files = [file for file in write_study(result, tmp_path) if file.suffix == ".parquet"]
-    assert [file.name for file in files] == ["load-nominal.parquet", "cycle-nominal.parquet"]
-    kept = read_recording(files[0])
-    made = record(specimen(), LoadTest(0.05), specimen="nominal", log_rate=50.0)
-    assert kept.table.equals(made.table)
-    assert kept.provenance.to_dict() == made.provenance.to_dict()
-    assert kept.provenance.load == 0.05
-    assert kept.units == made.units
+def test_a_motion_that_is_none_is_refused():
     with pytest.raises(TruejointError, match="choose one of calibration"):
-        record(population(1)[0], "sine")
+        record(specimen(), "sine")
 
 
 def test_unknown_methods_are_refused():

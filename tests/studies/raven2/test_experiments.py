@@ -329,7 +329,6 @@ def test_an_arm_of_ones_own_stands_beside_the_shipped_one(tmp_path):
         ("features", {"models": "deep"}, "no model called"),
         ("real", {"estimators": "transformer"}, "no estimator called"),
         ("real", {"datasets": "lab"}, "no data set called"),
-        ("real", {"features": "none"}, "no kind of features"),
     ],
 )
 def test_wrong_options_are_one_line(study, options, message):

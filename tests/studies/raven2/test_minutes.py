@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from pandas import DataFrame
 
-from truejoint.errors import StudyError
-from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.studies import run_study
 from truejoint.studies.raven2 import minutes
 from truejoint.studies.raven2.sessions import JOINTS
@@ -59,45 +57,3 @@ def test_efficiency_compares_three_motions(drawn, tmp_path, monkeypatch):
     assert len(result.summary.tables[0].rows) == 3  # both ends are one here
     assert drawn(result)
     assert {"efficiency.html", "efficiency.png"} <= {file.name for file in tmp_path.iterdir()}
-
-
-def test_transfer_starts_from_the_first_calibration(drawn, monkeypatch):
-    monkeypatch.setattr(minutes, "_SECONDS", minutes._IN_TABLE)
-    options = {"specimens": "nominal", "sessions": 1, "first": 2, "test": 0.5}
-    result = run_study("transfer", {**options, "changes": "homing"})
-    keys = ("specimen", "session")
-    own = select(result.rows, made_by=minutes.OWN)
-    made = {way: select(result.rows, made_by=way) for way in minutes._WAYS}
-    shares = {way: minutes.shares(rows, own, *keys) for way, rows in made.items()}
-    assert (shares["prior, reference"] < 1.2).all()
-    # Nobody learns a workspace in ten seconds; not a zero either, without a reference.
-    assert shares["prior, reference"][0] < shares["prior"][0]
-    assert not shares["anew"][0] < shares["prior"][0]
-    (claim,) = result.summary.claims
-    assert claim.text == "a new homing takes 10 s for the accuracy of a whole calibration"
-    (table,) = result.summary.tables
-    assert [row[-1] for row in table.rows if row[0].endswith("own")] == ["1.00"]
-    assert drawn(result)
-    with pytest.raises(StudyError, match="no change called 'weather'"):
-        run_study("transfer", {**options, "changes": "weather"})
-
-
-def test_another_arm_and_tool_are_what_they_are_called():
-    plain = Raven2Parameters.read().to_dict()
-    seen = []
-
-    def homed(raven, seed):
-        seen.append((raven, seed))
-        return "arm", "twin"
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(minutes.s, "homed", homed)
-        for change in ("tool", "arm"):
-            assert minutes.changed(None, plain, change, 7) == "arm"
-    (tool, _), (arm, _) = seen
-    assert tool["mass"]["instrument"] == pytest.approx(plain["mass"]["instrument"] + 0.1)
-    assert tool["cable"] == plain["cable"]
-    ratio = np.array(arm["cable"]["stiffness"]) / np.array(plain["cable"]["stiffness"])
-    assert (np.abs(ratio - 1.0) <= 0.2).all()
-    assert np.ptp(ratio) > 0.0
-    assert plain == Raven2Parameters.read().to_dict()

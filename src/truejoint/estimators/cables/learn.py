@@ -353,21 +353,6 @@ class CableFilter(JointRegressor):
         run = run_filter(data, X, dt, n_outputs=r.N)
         return Estimate(run.outputs, run.deviations, run.beside[:, 0], run.beside[:, 1], run.x)
 
-    def unloaded(self, X: Array, dt: Array) -> tuple[Array, Array]:
-        """Joints (n, 3) [rad] and states (n, 15) of the model alone, where nothing loads it.
-
-        Of motors in the first columns of `X`, `dt` (n,) [s] after the row before: no effort is
-        needed, and no load is seen.
-        """
-        parameters, inputs = self.arrays_["parameters"], filter_inputs(X, dt)
-        joint, torque = np.empty((2, len(inputs), r.N))
-        states = np.empty((len(inputs), r.STATES))
-        for rows in histories(dt):
-            r.simulate(inputs[rows], np.zeros((rows.stop - rows.start, r.N)), parameters,
-                       states[rows], joint[rows], torque[rows])  # fmt: skip
-        rigid = parameters[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
-        return joint + geometry(inputs[:, : r.N] @ rigid.T) @ self.arrays_["added"], states
-
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         arrays = self._identified(X, y, dt, progress)
         arrays["structure"] = structure(self._runs(X, y, dt), self.states(X, dt, arrays))

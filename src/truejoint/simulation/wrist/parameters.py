@@ -82,15 +82,11 @@ class Motor(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Noise [rad, Nm, N] of what is read; gains' deviations are shares."""
+    """Noise [rad, Nm] of what is read; the deviation of an effort's gain is a share."""
 
     motor_noise: Annotated[float, Bounds(0.0, 0.1)]
     effort_noise: Annotated[float, Bounds(0.0, 1.0)]
     effort_gain: Annotated[float, Bounds(0.0, 0.5)]
-    tensions: Literal["none", "one", "both"]
-    tension_noise: Annotated[float, Bounds(0.0, 10.0)]
-    tension_gain: Annotated[float, Bounds(0.0, 0.5)]
-    tension_offset: Annotated[float, Bounds(0.0, 10.0)]
     reference_noise: Annotated[float, Bounds(0.0, 0.1)]
 
 
@@ -164,8 +160,6 @@ class Drawn(NamedTuple):
     phase: Array  # (C, J) [rad] of these
     stiffness: Array  # (C,) [N/m] of whole cables
     effort_gain: Array  # (M,)
-    tension_gain: Array  # (C,)
-    tension_offset: Array  # (C,) [N]
     motor_zero: Array  # (M,) [rad]
 
 
@@ -246,13 +240,14 @@ def _drawn(p: WristParameters, mechanism: CableMechanism) -> Drawn:
     capstan = 1.0 + v.capstan * rng.standard_normal(n_motors)
     size = v.eccentricity * np.abs(rng.standard_normal(shape))
     phase = rng.uniform(-math.pi, math.pi, shape)
+    # What is drawn between gains and zeros is of no sensor any more: a seed's instrument stays.
+    sizes = n_cables, n_motors, 2 * n_cables, n_motors
+    stiffness, gain, _, zero = (rng.standard_normal(size) for size in sizes)
     return Drawn(
         groove[loop], capstan, size[loop], phase[loop],
-        p.cables.stiffness * (1.0 + v.stiffness * rng.standard_normal(n_cables)),
-        p.sensors.effort_gain * rng.standard_normal(n_motors),
-        p.sensors.tension_gain * rng.standard_normal(n_cables),
-        p.sensors.tension_offset * rng.standard_normal(n_cables),
-        p.homing.assembly * rng.standard_normal(n_motors),
+        p.cables.stiffness * (1.0 + v.stiffness * stiffness),
+        p.sensors.effort_gain * gain,
+        p.homing.assembly * zero,
     )  # fmt: skip
 
 

@@ -26,8 +26,7 @@ class WristTwin(Twin):
     """Digital twin of an instrument's wrist, or of any robot that states its cables.
 
     A `truejoint.simulation.Twin`. What it measures are motors and their efforts; the measured
-    joints are those of cables that give nowhere. With ``sensors.tensions`` the cables' tensions at
-    the motors are in `extra`, ``tension/<cable>`` [N]; what only a simulation knows is beside them:
+    joints are those of cables that give nowhere. What only a simulation knows is in `extra`:
     ``truth_exact/<joint>``, ``truth_load/grip`` and ``truth_load/<arm>``, torques [Nm]. Joints end
     at stops, a little beyond their limits.
 
@@ -61,7 +60,6 @@ class WristTwin(Twin):
         if mechanism is None or transmission is None:
             raise RobotError(f"{self.robot.title} states no cables; add [mechanism]")
         self._transmission = transmission
-        self._cable_names = tuple(cable.name for cable in mechanism.cables)
         self._arms = {name: mechanism.row(arm) for name, arm in mechanism.arms.items()}
         self._meets = mechanism.contact is not None
         self.tip_force: Callable[[Array], Array] | None = None
@@ -70,10 +68,9 @@ class WristTwin(Twin):
         self._reach = limits[0] - _BEYOND, limits[1] + _BEYOND
         self._constants, self._drawn = plant_constants(self.parameters, mechanism, limits=limits)
         self._state, self._work = at_rest(self._constants), new_work(self._constants)
-        # A stream each, so that changing one sensor leaves the others alone.
-        names = ("motor", "effort", "tension", "truth")
-        self._streams = random_streams(len(names), self.seed)
-        self._noise = dict(zip(names, self._streams, strict=True))
+        # A stream each, so that changing one sensor leaves the others alone; the third is spare.
+        self._streams = random_streams(4, self.seed)
+        self._noise = dict(zip(("motor", "effort", "", "truth"), self._streams, strict=True))
         self._zero = self._registered()
         self._command = np.zeros(len(self.robot.joints))
         self._goal = self._zero.copy()  # of the motors, where they stand
@@ -144,7 +141,7 @@ class WristTwin(Twin):
             setpoint=joints,
             motor=motor,
             motor_velocity=speed,
-            extra={**self._tensions(log.tension), **exact, **grips, **pulls},
+            extra={**exact, **grips, **pulls},
             truth=TruthBlock(t[1:], self.robot.positioning, reference),
             joint=log.joint,
         )
@@ -176,17 +173,3 @@ class WristTwin(Twin):
     def _white(self, stream: str, shape: tuple[int, ...], noise: str) -> Array:
         size: float = getattr(self.parameters.sensors, noise)
         return np.asarray(size * self._noise[stream].standard_normal(shape))
-
-    def _tensions(self, tension: Array) -> dict[str, Array]:
-        """Tensions that are measured, by column."""
-        which = self.parameters.sensors.tensions
-        if which == "none":
-            return {}
-        read = tension * (1.0 + self._drawn.tension_gain) + self._drawn.tension_offset
-        read += self._white("tension", tension.shape, "tension_noise")
-        motors = [self._constants.motor_of[n] for n in range(len(self._cable_names))]
-        return {
-            f"tension/{name}": read[:, n]
-            for n, name in enumerate(self._cable_names)
-            if motors[n] >= 0 and (which == "both" or motors[n] not in motors[:n])
-        }

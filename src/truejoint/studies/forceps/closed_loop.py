@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import pairwise, product
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +23,6 @@ from truejoint.simulation.forceps.load import SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
-from truejoint.simulation.twin import glide, hold
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, title_of
 from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select
@@ -36,23 +35,15 @@ KNOWN: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
 """A load takes motor, x2 and their errors where the calibration, unloaded, never was."""
 BARS: Final = {"none": 0.12, "steady": 0.25}
 """Wanted of the error with our estimate in the loop, without a load and with a steady one [deg]."""
-MARGINS: Final = (1.0, 2.0)
-"""Factors of the gain at which stability is tried."""
 QUICK: Final = 0.005
 """Time constant of what the loop takes for lost [s]."""
 DEAD_BAND: Final = math.radians(0.05)
 """Of the loop where the jaw shall stand still [rad], half a step of the reference encoder."""
-SWING: Final = math.radians(0.05)
-"""Standard deviation of a jaw told to stand still from which it counts as swinging [rad]."""
-_ASTRAY: Final = math.radians(1.0)  # a jaw told to stand still is unstable from this error on
 _A_PERIOD: Final = 22.0  # [s] of (28), enough on the specimens of a population
-_STEPS: Final = (0.0, 0.35, -0.2, 0.0)  # [rad] where the jaw stands still in turn
-_STANDS: Final = 2.0  # [s]
-_AT_REST: Final = 0.5  # [s] of them, the last
 
 
 def parts(settings: Settings) -> Sequence[Part]:
-    """One a load and method on the specimen, and two a specimen of the population."""
+    """One a load and method on the specimen, and one a specimen of the population."""
     mass, how = settings["mass_g"] / 1e3, {"rate": settings["rate_hz"], "gain": settings["gain"]}
     common = m.common_arguments(settings)
     forceps, methods, seed = common["forceps"], common["methods"], common["seed"]
@@ -84,8 +75,6 @@ def parts(settings: Settings) -> Sequence[Part]:
         found.append(
             Part(f"specimen-{n:05d}", track, {**group, **case, "loads": hung}, {"specimen": n})
         )
-        rests = {**group, **how, "method": methods[-1]}
-        found.append(Part(f"margin-{n:05d}", try_margins, rests))
     return found
 
 
@@ -103,13 +92,11 @@ def follow_jaw(
     seed: int,
     rate: float,
     gain: float,
-    margin: float = 1.0,
 ) -> tuple[Array, Array, Integers]:
     """Put a specimen's jaw along angles `wanted` (n,) [rad] at 1 kHz, homed anew.
 
-    With a calibration as `model` in a loop, at `margin` times its gain, or with none. Returns the
-    jaw's angle (m,) [rad] by the reference encoder and exactly, and the statuses of the
-    corrector's steps (k,).
+    With a calibration as `model` in a loop, or with none. Returns the jaw's angle (m,) [rad] by the
+    reference encoder and exactly, and the statuses of the corrector's steps (k,).
     """
     twin = ForcepsTwin(plant, seed=seed)
     arm, blocks = Arm(SimulatedBackend(twin)), list[StateBlock | TruthBlock]()
@@ -136,7 +123,6 @@ def follow_jaw(
             dead_band=DEAD_BAND,
             believed=KNOWN,
         )
-        compensator.gain *= margin
         compensator.drive(arm, wanted[:, None])
         status = np.array(list(compensator.statuses.elements()), dtype=np.int64)
     truth = np.concatenate([b.position[:, 0] for b in blocks if isinstance(b, TruthBlock)])
@@ -176,33 +162,11 @@ def track(
     return rows
 
 
-def try_margins(forceps: Plain, method: str, number: int, **how: float) -> Rows:
-    """Try whether the jaw of one specimen comes to rest, at each of `MARGINS` times the gain."""
-    plant, rows = ForcepsParameters.from_dict(forceps), Rows()
-    model = m.calibrated(plant, (method,), number)[method]
-    corners = np.array(_STEPS)[:, None]
-    pieces = [hold(corners[0], _STANDS)]
-    for before, after in pairwise(corners):
-        pieces += [glide(before, after, 0.5), hold(after, _STANDS)]
-    wanted = np.concatenate(pieces)[:, 0]
-    still, ends = round(_AT_REST / SETPOINT_DT), np.cumsum([len(piece) for piece in pieces])[::2]
-    for margin in MARGINS:
-        stable = False
-        with suppress(CommandRefused):  # a loop that falls back
-            jaw = follow_jaw(
-                plant, model, wanted, SwingingLoad(0.0), seed=2 * number + 1, margin=margin, **how
-            )[1]
-            rests = [jaw[end - still : end] - wanted[end - 1] for end in ends]
-            stable = all(rest.std() < SWING and abs(rest.mean()) < _ASTRAY for rest in rests)
-        rows.append({"margin": margin, "stable": stable})
-    return rows
-
-
 def summarise(results: Results) -> Summary:
-    """Errors by load and method, their spread over the population, and the margin of stability."""
+    """Errors by load and method, and their spread over the population."""
     settings, rows = results.settings, results.rows
     rows = rows.assign(name=rows.method.map({OPEN: "open loop", **m.TITLES}))
-    group, every, margins = (rows[rows[key].notna()] for key in ("case", "specimen", "margin"))
+    group, every = (rows[rows[key].notna()] for key in ("case", "specimen"))
     specimen = f"specimen {title_of(settings['specimen'])}"
     degrees: DataFrame = np.rad2deg(1.0) * group[["rms", "exact_rms"]].astype(float)
     degrees = degrees.map("{:.3f}".format)
@@ -214,17 +178,9 @@ def summarise(results: Results) -> Summary:
         f"part of. Loads are of {settings['mass_g']:g} g; the loop runs at "
         f"{settings['rate_hz']:g} Hz."
     )
-    stable = (100 * margins.groupby("margin").stable.mean()).map("{:.0f} %".format).to_frame()
-    last = m.TITLES[settings["methods"][-1]]
-    rest = (
-        f"Specimens of the population on which {last} in the loop bring "
-        f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "
-        f"less than {math.degrees(SWING):g} deg RMS, after steps of up to 30 deg."
-    )
     tables = (
         frame_table(f"Tracking (28), {specimen}", pairs, (note,), head="load"),
         _spread(settings, every),
-        frame_table("Margin of stability", stable.rename("{:g} x".format), (rest,), head="gain"),
     )
     drawn = concat(
         [group.assign(on=specimen), select(every, load="steady").assign(on="population")]

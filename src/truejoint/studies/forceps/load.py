@@ -1,4 +1,4 @@
-"""The filter with friction and load: weights, the cable's stiffness, and a wrong zero."""
+"""The filter with friction and load: weights and the cable's stiffness."""
 
 from __future__ import annotations
 
@@ -12,31 +12,23 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
-from truejoint.drawing import Figure, by_condition
-from truejoint.estimators.jaw.learn import JawFilter
-from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.learn import (
     FrictionFilter,
-    find_encoder_zero,
     identify_stiffness,
 )
-from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
-from truejoint.simulation.forceps.twin import ZeroShift
-from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.methods import rms, settled, within
 from truejoint.studies.forceps.motions import (
     Plain,
-    changed,
     drawn_specimens,
     load_test,
     record,
     signals,
 )
 from truejoint.studies.forceps.paper import cases
-from truejoint.studies.rows import frame_table, groups, select, unique
+from truejoint.studies.rows import frame_table, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -52,8 +44,8 @@ _TORQUES: Final = {
     "stated 90 %": "stated",
 }  # fmt: skip
 _WAYS: Final = ("along", "opposing")
-UNLOADED, SLACK, PAPER = "unloaded", "slack", "paper"
-"""Cases beside the weights: none, one that slackens the drive cable, and the paper's filter."""
+UNLOADED, SLACK = "unloaded", "slack"
+"""Cases beside the weights: none, and one that slackens the drive cable."""
 
 
 def load_parts(settings: Settings) -> Sequence[Part]:
@@ -66,14 +58,6 @@ def load_parts(settings: Settings) -> Sequence[Part]:
         )
         for name, plant, seed in drawn_specimens(settings)
     ]  # fmt: skip
-
-
-def unloaded_filter(
-    forceps: ForcepsParameters, seed: int, motion: str = "calibration"
-) -> FrictionFilter:
-    """Fit the filter of a specimen to a motion without a load; its stiffness is assumed."""
-    recording = settled(record(forceps, motion, seed=2 * seed))
-    return cast("FrictionFilter", calibrate(recording, FrictionFilter()).model)
 
 
 def effective_stiffness(forceps: ForcepsParameters) -> float:
@@ -108,7 +92,8 @@ def rocking_test(mass: float, way: str) -> LoadTest:
 def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> Rows:
     """Identify the stiffness of a specimen by known weights, and estimate others on it."""
     plant = ForcepsParameters.from_dict(forceps)
-    assumed, loads = unloaded_filter(plant, seed, motion), []
+    unloaded, loads = settled(record(plant, motion, seed=2 * seed)), []
+    assumed = cast("FrictionFilter", calibrate(unloaded, FrictionFilter()).model)
     for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, _WAYS)):
         test = rocking_test(mass, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
@@ -141,25 +126,7 @@ def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, An
     run = settled(record(plant, "verification", seed=2 * seed + 1))
     states = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
     rows.append({**common, "case": UNLOADED, **states})
-    rows.append({**common, "case": PAPER, **_paper_filter(plant, seed, motion, run)})
     return rows
-
-
-def _paper_filter(
-    plant: ForcepsParameters, seed: int, motion: str, run: Recording
-) -> dict[str, float]:
-    """Compare the covariance of yan2020's filter with its errors (NEES) and innovations (NIS)."""
-    recording = settled(record(plant, motion, seed=2 * seed))
-    model = cast("JawFilter", calibrate(recording, JawFilter(compensated=True)).model)
-    X, dt = signals(run)
-    has_truth = np.isfinite(run.column("truth/jaw"))
-    states = model.states(X, dt)
-    error = (model.evaluate(X, dt)[:, 0] - run.column("truth/jaw"))[has_truth]
-    ratio = error / np.sqrt(states.P[has_truth, 0, 0])
-    return {
-        **_coverage("angle", ratio),
-        "nis": float(np.nanmean(states.nis[has_truth])) / 2.0,  # of two measurements
-    }
 
 
 def _judged(model: FrictionFilter, run: Recording, chosen: Mask) -> dict[str, float]:
@@ -249,11 +216,6 @@ def _population(settings: Settings, rows: DataFrame) -> Table:
             inside, nees = 100.0 * group[f"{kind}_inside"].mean(), group[f"{kind}_nees"].mean()
             stated = f"{inside:.0f} % inside, NEES {nees:.2f}"
             body[f"stated 90 % of the {kind}, {case}"] = ["", "", "", stated]
-    paper = select(rows, case=PAPER)
-    body["the same of the paper's filter (26), unloaded"] = ["", "", "",
-        f"{100 * paper.angle_inside.mean():.0f} % inside, NEES {paper.angle_nees.mean():.1f}, "
-        f"NIS per measurement {paper.nis.median():.1f} (median)"
-    ]  # fmt: skip
     opposing = errors["opposing"].to_numpy()
     below = np.mean(opposing <= floor.to_numpy()) if len(opposing) == len(floor) else math.nan
     notes = (
@@ -267,90 +229,3 @@ def _population(settings: Settings, rows: DataFrame) -> Table:
     )
     table = DataFrame.from_dict(body, "index", columns=["median", "95 %", "worst", "stated"])
     return frame_table("External load over the specimens", table, notes, decimals=1)
-
-
-BEFORE, AFTER = "before", "after"
-_HARM: Final = np.radians(0.002)  # by which an error must grow to count as harm
-
-
-def rezero_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen and wrong zero."""
-    settings.check_names("method", "methods", m.METHODS)
-    homings = []
-    for name, plant, seed in drawn_specimens(settings):
-        common = {"forceps": plant, "methods": settings["methods"], "seed": seed}
-        for shift in settings["shifts_um"]:
-            key, arguments = f"{name}-shift-{shift:g}um", {**common, "shift": shift / 1e6}
-            homings.append(Part(key, home, arguments, {"specimen": name}))
-    return homings
-
-
-def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Rows:
-    """Calibrate, home with ``x2`` off by `shift` [m], estimate that, and judge on (28).
-
-    The estimate is taken off only where it is more than it may be off by.
-    """
-    plant, zero = ForcepsParameters.from_dict(forceps), ZeroShift(reset=shift)
-    models = m.calibrated(plant, tuple(methods), seed)
-    cycle = record(plant, "cycle", seed=2 * seed + 50, zero_shift=zero)
-    X, dt = signals(cycle.rows(cycle.t >= RAMP))
-    estimate = find_encoder_zero(unloaded_filter(plant, seed), X, dt)
-    before = m.settled(record(plant, "verification", seed=2 * seed + 1, zero_shift=zero))
-    after = changed(before, RESET, before.column(RESET) - estimate.correction)
-    labels = {
-        "shift": shift, "estimate": estimate.shift, "deviation": estimate.deviation,
-        "taken_off": estimate.correction,
-    }  # fmt: skip
-    return [
-        row
-        for when, run in ((BEFORE, before), (AFTER, after))
-        for row in m.judge(models, run).errors(when=when, **labels)
-    ]
-
-
-def rezero_summary(results: Results) -> Summary:
-    """RMS error of each method before and after re-zeroing, by zero: medians over the specimens."""
-    rows = results.rows.sort_values("shift", kind="stable")
-    rows = rows.assign(
-        name=rows.method.map(m.TITLES), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
-    )
-    cases = rows.drop_duplicates("part")
-    cases = cases.assign(off=cases.estimate - cases["shift"])
-    table = DataFrame(
-        {
-            zero: {
-                "found": f"{_micro(group.estimate.median())} um",
-                "off, RMS": f"{_micro(m.rms(group.off))} "
-                f"(stated {_micro(group.deviation.median())})",
-                "taken off": f"{(group.taken_off != 0.0).sum()} of {len(group)}",
-            }
-            for zero, group in groups(cases, "zero")
-        }
-    ).T
-    medians = rows.groupby(["zero", "name", "when"], sort=False).rms.median().unstack()
-    text = (np.rad2deg(1.0) * medians).map("{:.3f}".format)
-    table = table.join((text[BEFORE] + " -> " + text[AFTER]).unstack()[unique(rows, "name")])
-    grown = select(rows, when=AFTER).rms.to_numpy() - select(rows, when=BEFORE).rms.to_numpy()
-    notes = (
-        f"{len(cases) // len(table)} specimens; RMS error in degrees on (28), before -> after "
-        "re-zeroing from one unloaded cycle of (27) with no sensor at the jaw; medians. A shift "
-        "within two of its stated deviations is left alone.",
-        f"Off by {m.rms(cases.off / cases.deviation):.2f} stated deviations RMS. Worse afterwards "
-        f"by more than {np.degrees(_HARM):.3f} deg: {(grown > _HARM).sum()} of {len(grown)}.",
-        *m.note_left_out(results.settings, rows),
-    )
-    title = "Re-zeroing after homing"
-    rows = rows.assign(um=1e6 * rows["shift"], name=rows["name"] + ", " + rows.when)
-    panel = by_condition(
-        rows, "um", "rms", "name", scale=np.degrees(1.0), x="zero off by [um]",
-        y="RMS error on (28) [deg]",
-    )  # fmt: skip
-    caption = "What a wrong zero of x2 costs each method, and what re-zeroing leaves; medians."
-    return Summary(
-        (frame_table(title, table, notes, head="zero off by"),),
-        {"forceps-rezero": Figure(title, ((panel,),), caption, height=4.4, legend=True)},
-    )
-
-
-def _micro(metres: float) -> str:
-    return fixed(1e6 * float(metres), 1)

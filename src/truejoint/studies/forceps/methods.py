@@ -14,7 +14,6 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
-from truejoint.evaluation import evaluate
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record
@@ -109,35 +108,6 @@ def calibrated(
     return models
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth."""
-
-    t: Array
-    truth: Array  # what the reference encoder reads, as in the paper
-    exact: Array  # the jaw itself
-    estimates: Mapping[str, Array]
-
-    def errors(self, first: float = -np.inf, last: float = np.inf, **labels: Any) -> Rows:
-        """Estimate minus truth from `first` to `last` [s], a row a method, with the `labels`.
-
-        ``rms``, ``largest`` and ``smallest`` are against the reference encoder; ``exact_rms`` is
-        against the jaw itself, so it holds the encoder's own error [rad].
-        """
-        chosen, rows = within(self.t, first, last), Rows()
-        for key, estimate in self.estimates.items():
-            error, exact = (estimate - self.truth)[chosen], (estimate - self.exact)[chosen]
-            sizes = {"rms": rms(error), "largest": float(error.max())}
-            sizes |= {"smallest": float(error.min()), "exact_rms": rms(exact)}
-            rows.append({**labels, "method": key, **sizes})
-        return rows
-
-    def arrays(self, prefix: str = "") -> dict[str, Array]:
-        """Time, truth and estimates by name, for figures."""
-        named = {"t": self.t, "truth": self.truth, **self.estimates}
-        return {prefix + name: values for name, values in named.items()}
-
-
 def rms(errors: Any) -> float:
     """Root mean square of errors (n,)."""
     return float(np.sqrt(np.mean(np.square(errors))))
@@ -148,12 +118,33 @@ def within(t: Array, first: float, last: float) -> Mask:
     return np.asarray((t >= first) & (t <= last))
 
 
-def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
-    """Evaluate calibrations on a recording that they never saw."""
-    trace = evaluate({key: [model] for key, model in models.items()}, [recording]).traces[0]
-    exact = recording.column("truth_exact/jaw")[np.isfinite(recording.column("truth/jaw"))]
-    estimates = {key: trace.estimates[key][:, 0] for key in models}
-    return Judged(trace.t, trace.truth[:, 0], exact, estimates)
+def judge(models: Mapping[str, Calibration], recording: Recording) -> dict[str, Array]:
+    """Estimate the jaw's angle (n,) [rad] by each method, on a recording that none of them saw.
+
+    In the rows that have a truth; beside are their ``t`` [s], that ``truth``, which the reference
+    encoder reads, as in the paper, and the jaw itself, ``exact``.
+    """
+    truth = recording.column("truth/jaw")
+    columns = {"t": recording.t, "truth": truth, "exact": recording.column("truth_exact/jaw")}
+    columns |= {key: model.correct(recording)[:, 0] for key, model in models.items()}
+    return {name: values[np.isfinite(truth)] for name, values in columns.items()}
+
+
+def errors(
+    judged: Mapping[str, Array], first: float = -np.inf, last: float = np.inf, **labels: Any
+) -> Rows:
+    """Estimate minus truth from `first` to `last` [s], a row a method, with the `labels`.
+
+    ``rms``, ``largest`` and ``smallest`` are against the reference encoder; ``exact_rms`` is
+    against the jaw itself, so it holds the encoder's own error [rad].
+    """
+    chosen, rows = within(judged["t"], first, last), Rows()
+    for key in filter(METHODS.__contains__, judged):
+        error, exact = ((judged[key] - judged[name])[chosen] for name in ("truth", "exact"))
+        sizes = {"rms": rms(error), "largest": float(error.max())}
+        sizes |= {"smallest": float(error.min()), "exact_rms": rms(exact)}
+        rows.append({**labels, "method": key, **sizes})
+    return rows
 
 
 def note_left_out(settings: Settings, rows: DataFrame) -> tuple[str, ...]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -26,7 +25,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.specimens import specimen as shipped
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
-from truejoint.studies.study import Part, PartResult, Results, Settings, Summary
+from truejoint.studies.study import Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
@@ -71,27 +70,6 @@ def load_test(mass: float, direction: str, *, quick: bool = False, **how: float)
     return LoadTest(mass, cast("Any", direction), **(brief | how if quick else how))
 
 
-@lru_cache(maxsize=16)  # several methods learn from one recording; half a megabyte each
-def record(
-    forceps: ForcepsParameters, motion: str | LoadTest, *, seed: int = 0, **how: Any
-) -> Recording:
-    """Record a specimen on a motion of the paper; `how` is as `record_forceps` takes it.
-
-    That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), the
-    load test of IV-D, or ``"nested"``, our own `nested_motion`. Raises TruejointError if it is
-    unknown, or the plant refuses a value.
-
-    >>> len(record(ForcepsParameters.read(), "verification", seed=1))
-    12967
-    """
-    if isinstance(motion, str) and motion not in _TRAJECTORIES:
-        names = ", ".join(_TRAJECTORIES)
-        raise TruejointError(f"no motion {motion!r:.60}; choose one of {names}, or a load test")
-    path = _TRAJECTORIES[motion]().positions[:, 0] if isinstance(motion, str) else motion
-    session = f"{motion if isinstance(motion, str) else 'load'} {seed}"
-    return record_forceps(forceps, path, seed=seed, session=session, **how)
-
-
 def changed(recording: Recording, name: str, values: ArrayLike) -> Recording:
     """Put another column `name` (n,) into a recording."""
     table = recording.table.assign(**{name: np.asarray(values, dtype=np.float64)})
@@ -106,7 +84,7 @@ def signals(recording: Recording, *names: str) -> tuple[Array, Array]:
 
 def record_forceps(
     parameters: ForcepsParameters,
-    motion: ArrayLike | LoadTest,
+    motion: str | ArrayLike | LoadTest,
     *,
     seed: int = 0,
     log_rate: float = 200.0,
@@ -116,28 +94,38 @@ def record_forceps(
 ) -> Recording:
     """Record a motion of the virtual forceps: what a laboratory would have of it, and its truth.
 
-    Arguments, and what is raised, are those of `simulate_forceps`; `specimen` names the instrument
-    and `session` the recording session, for the provenance.
+    The motion is one of the paper, ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``,
+    a period of (27), or the load test of IV-D; or ``"nested"``, our own `nested_motion`; or angles.
+    Other arguments, and what is raised, are those of `simulate_forceps`; `specimen` names the
+    instrument and `session` the recording session, for the provenance.
 
     Columns are ``measured/jaw`` (the motor's angle seen at the jaw, ``R phi_m / (z_i r)``),
     ``setpoint/jaw``, ``motor/jaw`` [rad], ``cable/drive`` and ``cable/reset`` (``x1`` and ``x2``
     [m], each only where its encoder is installed), ``truth/jaw`` (reference encoder, the paper's
     truth), ``truth_exact/jaw`` (what no laboratory has), ``truth_load/jaw`` (external torque [Nm])
     and the cables' tensions ``truth_tension/drive`` and ``truth_tension/reset`` [N].
+
+    >>> len(record_forceps(ForcepsParameters.read(), "verification", seed=1))
+    12967
     """
-    run = simulate_forceps(parameters, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
-    columns = {
-        "t": run.t,
-        "measured/jaw": run.measured[:, 0],
-        "setpoint/jaw": run.setpoint[:, 0],
-        "motor/jaw": run.motor[:, 0],
-        "truth/jaw": run.truth.position[:, 0],
-        **run.extra,
-    }
-    mass, notes = 0.0, ""
+    path, mass, notes = motion, 0.0, ""
     if isinstance(motion, LoadTest):
+        session = session or f"load {seed}"
         mass, angle = motion.mass, math.degrees(motion.angle)
         notes = f"load test: {1e3 * mass:g} g {motion.direction} the motion to {angle:g} deg"
+    elif isinstance(motion, str):
+        if motion not in _TRAJECTORIES:
+            names = ", ".join(_TRAJECTORIES)
+            raise TruejointError(f"no motion {motion!r:.60}; choose one of {names}, or a load test")
+        session, path = session or f"{motion} {seed}", _TRAJECTORIES[motion]().positions[:, 0]
+    run = simulate_forceps(
+        parameters, cast("Any", path), seed=seed, log_rate=log_rate, zero_shift=zero_shift
+    )
+    columns = {
+        "t": run.t,
+        **{name: values for name, values in run.columns().items() if "velocity" not in name},
+        "truth/jaw": run.truth.position[:, 0],
+    }
     provenance = Provenance(
         robot="forceps",
         source=f"virtual forceps {specimen}".rstrip() + f", seed {seed}",
@@ -154,34 +142,5 @@ def record_forceps(
     return Recording.from_columns(columns, provenance, robot=robot)
 
 
-def recordings_parts(settings: Settings) -> Sequence[Part]:
-    """One a motion."""
-    common = {
-        "forceps": plain_specimen(settings["specimen"]),
-        "specimen": title_of(settings["specimen"]),
-        "mass": settings["load_g"] / 1e3,
-        "direction": settings["direction"],
-        "log_rate": settings["log_rate_hz"],
-        "seed": settings.seed,
-    }
-    return [Part(motion, recorded, {"motion": motion, **common}) for motion in settings["motions"]]
-
-
-def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: Any) -> PartResult:
-    """Record a motion: columns, their units and the provenance; `how` is as `record` takes it."""
-    chosen = load_test(mass, direction) if motion == "load" else motion
-    recording = record(ForcepsParameters.from_dict(forceps), chosen, **how)
-    origin = json.dumps([recording.provenance.to_dict(), dict(recording.units)])
-    columns = {name: recording.column(name) for name in recording.table.columns}
-    return PartResult([{"motion": motion, "origin": origin}], columns)
-
-
-def recordings_summary(results: Results) -> Summary:
-    """Give the recordings."""
-    recordings = {}
-    for part, motion, origin in results.rows[["part", "motion", "origin"]].to_numpy():
-        provenance, units = json.loads(origin)
-        recordings[f"{motion}-{title_of(results.settings['specimen'])}"] = Recording.from_columns(
-            results.arrays[part], Provenance.from_dict(provenance), units
-        )
-    return Summary(recordings=recordings)
+record = lru_cache(maxsize=16)(record_forceps)
+"""`record_forceps`, kept: several methods learn from one recording; half a megabyte each."""

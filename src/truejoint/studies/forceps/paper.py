@@ -41,8 +41,8 @@ def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
     models = m.calibrated(plant, tuple(methods), seed)
     for number, motion in enumerate(_RUNS):
         judged = m.judge(models, m.settled(record(plant, motion, seed=2 * seed + number)))
-        rows += judged.errors(motion=motion)
-        arrays |= judged.arrays(f"{motion}/")
+        rows += m.errors(judged, motion=motion)
+        arrays |= {f"{motion}/{name}": values for name, values in judged.items()}
     return PartResult(rows, arrays)
 
 
@@ -182,11 +182,12 @@ def hang(
     plant, test = ForcepsParameters.from_dict(forceps), load_test(mass, direction)
     models = m.calibrated(plant, tuple(methods), seed)
     judged = m.judge(models, record(plant, test, seed=hand))
-    still = [judged.exact[m.within(judged.t, *test.phases[phase])].mean() for phase in ("II", "IV")]
+    t, exact = judged["t"], judged["exact"]
+    still = [exact[m.within(t, *test.phases[phase])].mean() for phase in ("II", "IV")]
     turn, rows = float(still[1] - still[0]), Rows()
     for phase in JUDGED:
-        rows += judged.errors(*test.phases[phase], phase=phase, turn=turn)
-    return PartResult(rows, {**judged.arrays(), "released": np.array(test.phases["III"])})
+        rows += m.errors(judged, *test.phases[phase], phase=phase, turn=turn)
+    return PartResult(rows, {**judged, "released": np.array(test.phases["III"])})
 
 
 def loaded_summary(results: Results) -> Summary:

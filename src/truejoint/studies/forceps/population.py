@@ -11,22 +11,20 @@ import numpy as np
 from pandas import DataFrame, Series
 
 from truejoint.calibration import Calibration
-from truejoint.drawing import PALETTE, Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.jaw_load.learn import GatedPlays
 from truejoint.estimators.plays.learn import JawPlays
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
-from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
-from truejoint.simulation.forceps.twin import ZeroShift, quantised, reference_error
+from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.claim_tests import mostly
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.methods import settled
 from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals
-from truejoint.studies.rows import ecdf_figure, frame_table, groups, quantiles, select, unique
+from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select, unique
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 
 ORDERINGS: Final = (
@@ -43,8 +41,6 @@ LEVEL: Final = 0.9
 UNLOADED: Final = "unloaded"
 _HELD: Final = 0.15
 """Error under a weight that counts as held [deg]."""
-_BEFORE: Final = 0.5
-"""Time before the hand comes that tells where the jaw stood without a weight [s]."""
 
 
 def population_parts(settings: Settings) -> Sequence[Part]:
@@ -87,43 +83,15 @@ def judge(
     zero = ZeroShift.drawn(homing_deviation, number) if homing_deviation > 0.0 else ZeroShift()
     run = m.settled(record(plant, "verification", seed=2 * number + 1, zero_shift=zero))
     models = m.calibrated(plant, tuple(methods), number, motion)
-    limits: dict[str, Any] = {"inside": None, "floor": encoder_floor(plant, run), "unseen": 0.0}
-    if loads:
-        limits["inside"] = covered(models, run, m.SETTLED)
-    rows = m.judge(models, run).errors(load=UNLOADED, **limits)
+    inside = covered(models, run, m.SETTLED) if loads else None
+    rows = m.errors(m.judge(models, run), load=UNLOADED, inside=inside)
     for mass, direction in loads:
         test = load_test(1e-3 * mass, direction, quick=True, end=17.0)
         hung = record(plant, test, seed=100 * number + round(mass))
         first, last = test.phases["IV"]
-        limits["inside"] = covered(models, hung, first)
-        limits["unseen"] = unseen_turn(plant, hung, test)
-        load = f"{mass:g} g {direction}"
-        rows += m.judge(models, hung).errors(first, last, load=load, **limits)
+        labels = {"load": f"{mass:g} g {direction}", "inside": covered(models, hung, first)}
+        rows += m.errors(m.judge(models, hung), first, last, **labels)
     return rows
-
-
-def encoder_floor(plant: ForcepsParameters, recording: Recording) -> float:
-    """RMS [rad] of what the reference encoder adds to the jaw's angle that no estimate can know.
-
-    Its harmonic error is the same at each angle, and learnt; noise and quantisation are not.
-    """
-    exact = recording.column("truth_exact/jaw")
-    ideal = exact + reference_error(exact, plant.reference_encoder)
-    return float(np.sqrt(np.nanmean((recording.column("truth/jaw") - ideal) ** 2)))
-
-
-def unseen_turn(plant: ForcepsParameters, recording: Recording, test: LoadTest) -> float:
-    """By how much a weight turns the jaw [rad] while neither motor nor reset encoder tells.
-
-    0 where the reset encoder moves by as much as it resolves.
-    """
-    before = m.within(recording.t, test.loaded_from - _BEFORE, test.loaded_from)
-    after = m.within(recording.t, *test.phases["IV"])
-    turned, moved = (
-        abs(float(values[after].mean() - values[before].mean()))
-        for values in map(recording.column, ("truth_exact/jaw", RESET))
-    )
-    return turned if moved < plant.reset_encoder.resolution else 0.0
 
 
 def covered(models: Mapping[str, Calibration], recording: Recording, first: float) -> float | None:
@@ -168,7 +136,7 @@ def population_summary(results: Results) -> Summary:
         f"{settings['homing_um']:g} um, calibrated on the motion {settings['motion']}: unloaded on "
         f"(28){hung * bool(len(loaded))}.",
         *(f"{_titles(order)}: {100 * value:.0f} % of specimens" for order, value in shares.items()),
-        *(_limits(unloaded, loaded, rms) if len(loaded) and m.BEST in rms else ()),
+        *(_within(unloaded, loaded) if len(loaded) and m.BEST in rms else ()),
         *m.note_left_out(settings, rows),
     )
     claims = [
@@ -193,36 +161,18 @@ def share(errors: DataFrame, *methods: str) -> float:
     return float(np.all(np.diff(errors[list(methods)]) < 0.0, axis=1).mean())
 
 
+def _within(unloaded: DataFrame, loaded: DataFrame) -> Iterator[str]:
+    """State how often our default stays within its half-width."""
+    alone, cases = (select(rows, method=m.BEST).inside for rows in (unloaded, loaded))
+    yield (
+        f"{m.TITLES[m.BEST]}: a stated {100 * LEVEL:.0f} % holds in {100 * alone.mean():.0f} % of "
+        f"rows unloaded (worst specimen {100 * alone.min():.0f} %), in {100 * cases.mean():.0f} % "
+        "in phase IV."
+    )
+
+
 def _titles(order: Sequence[str]) -> str:
     return " > ".join(m.TITLES[key] for key in order)
-
-
-def _limits(unloaded: DataFrame, loaded: DataFrame, rms: DataFrame) -> Iterator[str]:
-    """State what no estimate can pass, and how often our default stays within its half-width."""
-    alone, cases = select(unloaded, method=m.BEST), select(loaded, method=m.BEST)
-    if m.PAPERS_BEST in rms:
-        floor = np.degrees(alone.floor.to_numpy())
-        paper, ours = rms[m.PAPERS_BEST].to_numpy(), rms[m.BEST].to_numpy()
-        beyond = np.sqrt(np.maximum([paper**2 - floor**2, ours**2 - floor**2], 1e-9))
-        unseen = np.degrees(cases.unseen) > _HELD
-        visible = np.where(unseen, 0.0, cases.deg)
-        yield (
-            f"The reference encoder's noise and counts alone are {np.median(floor):.3f} deg: "
-            f"without any error an estimate would have a median ratio of "
-            f"{np.median(paper / floor):.2f}. "
-            f"Of what exceeds them, ours has one of {np.median(beyond[0] / beyond[1]):.2f}."
-        )
-        yield (
-            f"In {100 * np.mean(unseen):.1f} % of the cases in phase IV the weight turned the jaw "
-            f"by more than {_HELD:g} deg and neither motor nor x2 moved; but for these ours holds "
-            f"{100 * np.mean(visible <= _HELD):.0f} % within that, the worst {visible.max():.3f} "
-            "deg."
-        )
-    yield (
-        f"{m.TITLES[m.BEST]}: a stated {100 * LEVEL:.0f} % holds in "
-        f"{100 * alone.inside.mean():.0f} % of rows unloaded (worst specimen "
-        f"{100 * alone.inside.min():.0f} %), in {100 * cases.inside.mean():.0f} % in phase IV."
-    )
 
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -253,10 +203,8 @@ def encoders(layout: str) -> int:
 def sweep_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, stiffness and friction: sensors are tried on the same motion."""
     settings.check_names("layout", "layouts", LAYOUTS)
-    if len(settings["prices"]) != len(settings["resolutions_um"]):
-        raise StudyError("prices: give one for each of resolutions_um")
-    if not all(value > 0.0 for name in ("prices", "resolutions_um") for value in settings[name]):
-        raise StudyError("prices and resolutions_um must be above 0")
+    if not all(value > 0.0 for value in settings["resolutions_um"]):
+        raise StudyError("resolutions_um must be above 0")
     for spread in settings["homings_um"]:
         ZeroShift.drawn(spread / 1e6, 0)  # refuses what cannot be drawn
     common = {
@@ -343,53 +291,29 @@ def measure(
 
 
 def sweep_summary(results: Results) -> Summary:
-    """Errors of every design, those that no cheaper one beats, and what reaches the target."""
+    """Errors of every design, in the median and at worst, and how many reach the target."""
     settings, rows = results.settings, results.rows
-    prices = dict(zip(settings["resolutions_um"], settings["prices"], strict=True))
-    unit = (1e6 * rows.resolution).round(6).map(prices)
     rows = rows.assign(
-        price=rows.layout.map(encoders) * unit,
         sensors=[sensors(row) for row in rows.itertuples()],
         cables=(rows.stiffness / 1e3).map("{:g} kN/m".format),
         **{load: np.degrees(rows[load]) for load in _LOADS},
-        name=lambda own: own.sensors + ", " + own.cables,
     )
-    by_name = rows.groupby("name", sort=False)
-    medians, most = by_name[_LOADS].median(), by_name[_LOADS].max()
-    designs = by_name[["layout", "price"]].first()
-    designs = designs.assign(typical=medians.max(axis=1), worst=most.max(axis=1))
-    best = front(designs)
-    reach = designs[designs.worst <= settings["target_deg"]]
-    reach = reach.sort_values(["price", "worst"], kind="stable")
-    answer = f"{reach.index[0]}, price {reach.price.iloc[0]:g}" if len(reach) else "no design does"
-    under = f"under {settings['mass_g']:g} g"
+    by = rows.groupby(["sensors", "cables"], sort=False)[_LOADS]
+    reach, under = (by.max() <= settings["target_deg"]).all(axis=1), f"{settings['mass_g']:g} g"
     notes = (
-        "RMS error in degrees against the reference encoder, median (worst) of "
-        f"{settings['count']} specimens of seed {settings.seed}, prior {settings['prior']}, each "
-        f"homed anew: on (28), and still {under}, the worse of both directions.",
-        f"Cheapest design that keeps {settings['target_deg']:g} deg on every specimen, loaded and "
-        f"unloaded: {answer}. Prices are assumed; --set prices=... takes yours.",
+        f"RMS error in degrees against the reference encoder, on (28)/still under {under}, the "
+        f"worse of both directions; {settings['count']} specimens of seed {settings.seed}, prior "
+        f"{settings['prior']}, each homed anew.",
+        f"Designs that keep {settings['target_deg']:g} deg on every specimen, loaded and unloaded: "
+        f"{'; '.join(map(', '.join, reach[reach].index)) or 'none'}.",
     )
-    cells = medians.map("{:.3f}".format) + " (" + most.map("{:.3f}".format) + ")"
-    cells = cells.rename(columns={"loaded": under}).loc[best.index]
-    cells.insert(0, "price", best.price.map("{:g}".format))
-    grid = rows.groupby(["sensors", "cables"], sort=False)[_LOADS].median().map("{:.3f}".format)
-    grid = (grid.unloaded + "/" + grid.loaded).unstack()
-    grid = grid.loc[unique(rows, "sensors"), unique(rows, "cables")]
-    note = f"Median RMS error in degrees, unloaded/{under}."
-    tables = (
-        frame_table("Designs that no cheaper one beats", cells, notes, head="design"),
-        frame_table("Every design", grid, (note,), head="sensors"),
-    )
-    points = [
-        Curve(group.price, group.typical, layout, colour, "o")
-        for (layout, group), colour in zip(groups(designs, "layout"), PALETTE, strict=False)
-    ]
-    points.append(Curve(best.price, best.typical, "", "k", "--o"))
-    panel = Panel(points, "price of the cables' encoders", "median RMS error [deg]", log="y")
-    caption = "The worse of loaded and unloaded; the line joins designs that none beats for less."
-    figure = Figure("What accuracy costs", ((panel,),), caption, legend=True)
-    return Summary(tables, {"forceps-sweep": figure})
+    tables = []
+    for title, errors in (("median", by.median()), ("worst specimen", by.max())):
+        texts = errors.map("{:.3f}".format)
+        grid = (texts.unloaded + "/" + texts.loaded).unstack()
+        grid = grid.loc[unique(rows, "sensors"), unique(rows, "cables")]
+        tables.append(frame_table(f"Every design, {title}", grid, notes, head="sensors"))
+    return Summary(tables)
 
 
 def sensors(design: Any) -> str:
@@ -398,10 +322,3 @@ def sensors(design: Any) -> str:
     at = f" at {1e6 * design.resolution:g} um{homed}" if encoders(design.layout) else " only"
     rubs = "" if design.friction == 1.0 else f", friction x {design.friction:g}"
     return f"{design.layout}{at}{rubs}"
-
-
-def front(designs: DataFrame) -> DataFrame:
-    """Designs, cheapest first, that err less than every cheaper one: the Pareto front."""
-    ordered = designs.sort_values(["price", "typical"], kind="stable")
-    least = ordered.typical.cummin().shift(fill_value=math.inf)
-    return ordered[ordered.typical < least]

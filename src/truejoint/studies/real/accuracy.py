@@ -32,8 +32,6 @@ from truejoint.units import display_unit
 
 HWANG: Final = "hwang"
 """Split of the da Vinci arm's set as its authors do it."""
-FEATURES: Final = ("suited", "plain")
-"""Of linear, poly2 and dnn: those of the data set, or measured positions and efforts alone."""
 _TITLE: Final = "Recordings of real joints"
 _DVRK: Final = "dvrk_psm_berkeley"
 _SEEN: Final = 0.1
@@ -49,22 +47,18 @@ def parts(settings: Settings) -> Sequence[Part]:
     settings.check_names("data set", "datasets", [n for n, d in DATASETS.items() if d.splits])
     names = [*(name for name in estimator_names() if name not in _BASELINES), _AUTO]
     settings.check_names("estimator", "estimators", names)
-    settings.check_names("kind of features", "features", FEATURES)
-    suited, first = settings["features"] == FEATURES[0], settings.seed
-    found = []
+    first, found = settings.seed, []
     for name in settings["datasets"]:
         splits = [split.name for split in DATASETS[name].splits] + [HWANG] * (name == _DVRK)
         for split, estimator in product(splits, settings["estimators"]):
             seeds = settings["networks"] if estimator == "dnn" else 1
             labels = {"dataset": name, "split": split, "estimator": estimator}
-            arguments = {**labels, "suited": suited, "seeds": [*range(first, first + seeds)]}
+            arguments = {**labels, "seeds": [*range(first, first + seeds)]}
             found.append(Part(f"{name}-{split}-{estimator}", judge, arguments, labels))
     return found
 
 
-def judge(
-    dataset: str, split: str, estimator: str, seeds: Sequence[int], suited: bool = True
-) -> Rows:
+def judge(dataset: str, split: str, estimator: str, seeds: Sequence[int]) -> Rows:
     """Fit an estimator to the training side, and judge it on what was held out.
 
     One that refuses the recordings, as a filter of another robot does, has its reason as a result.
@@ -78,7 +72,7 @@ def judge(
         sides = about.split(split)
         training, testing = split_sides(read_dataset(about.name, sides.files), about, sides)
     features: Sequence[str] | None = None
-    if suited and estimator in _SUITED:
+    if estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
     unfitted: list[Any] = [estimator]
     if estimator == "dnn":
@@ -130,7 +124,7 @@ def summarise(results: Results) -> Summary:
     notes = (
         "RMSE on whole recordings, or the last part by time, that no fit saw, ± standard deviation "
         "over the seeds of a network; all features are causal, those of linear, poly2 and dnn "
-        f"{settings['features']}.",
+        "suited to the data.",
         f"{HWANG}: both motions together, four samples of all joints, the first tenth held out.",
         *(f"{what}: {reason}" for what, reason in why.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
