@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
+from truejoint.tip.guide import Guide, choose_touches, design_pose, learning
 
 from benchmarks import head, parsed
 from truejoint import Calibration, Recording, calibrate
@@ -45,7 +46,6 @@ from truejoint.tip import (
     find_block,
     zero_by_touch,
 )
-from truejoint.tip.guide import Guide, choose_touches, design_pose, learning
 from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]
