@@ -267,8 +267,10 @@ def promised_factors(recording: Path, model: Path) -> np.ndarray:
     calibration = truejoint.calibrate([part(whole, 0.0, 0.4), part(whole, 0.6, 1.0)], "linear")
     truejoint.write_calibration(calibration, model)
     scores = truejoint.evaluate(calibration, held_out).scores
-    rmse = {(score.estimator, score.joint): score.rmse for score in scores}
-    return np.array([rmse["raw", j] / rmse["linear", j] for j in calibration.joints])
+    rmse = scores.pivot(index="joint", columns="estimator", values="rmse").loc[
+        [*calibration.joints]
+    ]
+    return (rmse["raw"] / rmse["linear"]).to_numpy()
 
 
 def run_along(arm: Arm, trajectory: Trajectory) -> None:

@@ -60,7 +60,7 @@ AT_ONCE = {
         ("--tolerance elbo=0.2", "did you mean 'elbow'?"),
         ("--tolerance elbow", "write JOINT=VALUE"),
         ("--tolerance elbow=0", "give deg above 0"),
-        ("--window-s long", "should be a valid number"),
+        ("--rezero-s long", "should be a valid number"),
     ],
     "adapt m.st random.parquet -o new.st": [
         ("--interval cross", "needs `truejoint calibrate`"),

@@ -12,6 +12,8 @@ from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.evaluation import evaluate
 from truejoint.evaluation.evaluate import part_by_time, split_sides, unique_names
+from truejoint.evaluation.results import TOOL
+from truejoint.evaluation.scoring import WINDOW
 from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.datasets import DATASETS, HeldOut
 from truejoint.robots import get_robot
@@ -53,15 +55,16 @@ def test_scores_agree_with_numpy(case):
 def test_baselines_are_always_in_the_table(case):
     seeds, test, evaluation = case
     assert evaluation.estimators == ("raw", "offset", "linear", "poly2", "dnn")
-    assert len(evaluation.scores) == 5 * len(seeds[0].joints)
-    assert len(evaluation.recording_scores) == len(evaluation.scores) * len(test)
+    of_joints = evaluation.scores[evaluation.scores.joint != TOOL]
+    assert len(of_joints) == 5 * len(seeds[0].joints)
+    assert len(evaluation.recording_scores) == len(of_joints) * len(test)
 
 
 def test_the_tool_error_goes_through_the_robot_s_kinematics(case):
     seeds, test, evaluation = case
     robot = test[0].robot
     if robot.kinematics is None:
-        assert evaluation.cartesian == ()
+        assert TOOL not in set(evaluation.scores.joint)
         assert robot.name in evaluation.cartesian_note
         return
     errors = []
@@ -73,7 +76,7 @@ def test_the_tool_error_goes_through_the_robot_s_kinematics(case):
             robot.kinematics.forward(raw)[:, :3, 3] - robot.kinematics.forward(true)[:, :3, 3]
         )
     error = np.concatenate(errors)
-    row = next(r for r in evaluation.cartesian if r.estimator == "raw")
+    row = evaluation.score("raw", TOOL)
     assert row.rmse == pytest.approx(np.sqrt((error**2).sum(axis=1).mean()), rel=1e-9)
     assert row.max_abs == pytest.approx(np.sqrt((error**2).sum(axis=1).max()), rel=1e-9)
     np.testing.assert_allclose([row.x, row.y, row.z], np.sqrt((error**2).mean(axis=0)), rtol=1e-9)
@@ -91,10 +94,10 @@ def test_the_dictionary_is_json_without_nan(case):
 def test_worst_stretches_come_worst_first(case):
     _, _, evaluation = case
     limits = {joint.joint: joint.limit for joint in evaluation.verdict.joints}
-    ratios = [stretch.rmse / limits[stretch.joint] for stretch in evaluation.worst]
-    assert ratios == sorted(ratios, reverse=True)
-    assert {stretch.joint for stretch in evaluation.worst} == set(evaluation.joints)
-    assert all(0 < s.end - s.start <= evaluation.window for s in evaluation.worst)
+    worst = evaluation.worst
+    assert (worst.rmse / worst.joint.map(limits)).is_monotonic_decreasing
+    assert set(worst.joint) == set(evaluation.joints)
+    assert (worst.end - worst.start).between(0, WINDOW, inclusive="right").all()
 
 
 @pytest.fixture
@@ -112,8 +115,10 @@ def test_rows_without_truth_are_left_out_after_correcting_all(grasper):
     known = np.isfinite(gappy.column("truth/jaw"))
     error = (calibration.correct(test) - test.columns("truth", ["jaw"]))[known, 0]
     assert evaluation.score("dnn", "jaw").rmse == pytest.approx(np.sqrt(np.mean(error**2)))
-    assert evaluation.traces[0].rows_total == len(test)
-    assert len(evaluation.traces[0].t) == known.sum()
+    assert evaluation.test[0]["rows_total"] == len(test)
+    assert (
+        evaluation.test[0]["rows"] == len(evaluation.rows) == len(evaluation.errors) == known.sum()
+    )
 
 
 def test_a_chosen_baseline_takes_its_place_in_the_table(grasper):
@@ -155,7 +160,6 @@ def test_what_cannot_be_judged_is_refused(grasper, recording_of):
         ({"dnn": []}, [test], {}, "no calibration"),
         (good, [], {}, "no recording"),
         (good, [test], {"chosen": "linear"}, "no calibration called 'linear'"),
-        (good, [test], {"window": 0.0}, "window"),
         (good, [test], {"rezero": -1.0}, "time to re-zero from is -1.0 s"),
         (good, [test], {"rezero": np.nan}, "is nan s"),
         (good, [test], {"rezero": 60.0}, "after the 60 s that re-zero it; a test"),
@@ -176,9 +180,8 @@ def test_a_missing_jaw_does_not_hide_the_tool(recording_of, calibration_of):
     jaws = ["measured/jaw1", "measured/jaw2"]
     whole = evaluate({"dnn": [calibration]}, [test])
     without = evaluate({"dnn": [calibration]}, [replace(test, table=test.table.drop(columns=jaws))])
-    np.testing.assert_allclose(
-        [r.rmse for r in whole.cartesian], [r.rmse for r in without.cartesian], rtol=1e-9
-    )
+    tool, same = (found.scores.query("joint == @TOOL").rmse for found in (whole, without))
+    np.testing.assert_allclose(tool, same, rtol=1e-9)
     lame = replace(test, table=test.table.drop(columns="measured/wrist"))
     note = evaluate({"dnn": [calibration]}, [lame]).cartesian_note
     assert "lacks the measured position of wrist" in note
@@ -222,7 +225,7 @@ def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(grasper):
     raw = moved.error(["jaw"])[~start]
     assert found.score("raw", "jaw").rmse == pytest.approx(np.sqrt(np.mean(raw**2)))
     assert found.to_dict()["rezero"] == 2.0
-    assert len(found.traces[0].t) == (~start).sum()
+    assert len(found.rows) == (~start).sum()
     assert found.verdict.remarks[0].startswith("Re-zeroed from the first 2 s of each recording: ")
 
 
@@ -257,7 +260,7 @@ def test_after_re_zeroing_the_fit_with_zeros_is_judged(recording_of):
     model = calibrate(train, "linear", zero="recording")
 
     def scores(judged, rezero):
-        return [score.rmse for score in evaluate(judged, test, rezero=rezero).scores]
+        return evaluate(judged, test, rezero=rezero).scores.rmse.tolist()
 
     own, plain = model.for_rezeroing, replace(model, rezeroed_fit=None)
     assert scores(model, 3.0) == scores(own, 3.0) != scores(plain, 3.0)

@@ -1,11 +1,12 @@
 import io
 
-import pandas as pd
 import pytest
 from rich.console import Console
 
-from truejoint.errors import RecordingError
-from truejoint.evaluation import evaluate, score_table, write_tables
+from truejoint.evaluation import evaluate, score_table
+from truejoint.evaluation.results import TOOL
+from truejoint.evaluation.score_tables import all_scores
+from truejoint.tables import shown
 from truejoint.units import display_unit
 
 
@@ -21,29 +22,17 @@ def test_the_table_shows_every_joint(robot, recording_of, calibration_of):
         line = next(line for line in text.splitlines() if f" {joint} [{shown}] " in line)
         percent = evaluation.score("dnn", joint).percent_of_offset
         assert f"{percent:.0f} %" in line
-    assert ("tool [mm]" in text) == bool(evaluation.cartesian)
+    assert ("tool [mm]" in text) == (not evaluation.cartesian_note)
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])
-def test_tables_go_to_a_paper_and_to_a_spreadsheet(robot, tmp_path, recording_of, calibration_of):
+def test_scores_stand_by_joint_with_the_digits_of_their_column(robot, recording_of, calibration_of):
     train, test = recording_of(robot, seed=0), recording_of(robot, seed=1)
     evaluation = evaluate({"ukf_elastic": [calibration_of([train])]}, [test])
-    folder = tmp_path / "tables"
-    paths = write_tables(evaluation, folder)
-    assert {path.suffix for path in paths} == {".csv", ".tex"}
-    assert (folder / "tool_position.csv").exists() == bool(evaluation.cartesian)
-    joint, unit = evaluation.joints[0], display_unit(evaluation.units[0])
-    table = pd.read_csv(folder / f"{joint}.csv")
-    for place, name in enumerate(evaluation.estimators):
-        score = evaluation.score(name, joint)
-        assert table[f"RMSE [{unit.name}]"][place] == unit.scale * score.rmse
-        assert table["percent of fixed offset"][place] == score.percent_of_offset
-    assert f"spread [{unit.name}]" not in table.columns  # of one seed there is none
-    text = (folder / f"{joint}.tex").read_text()
-    assert r"ukf\_elastic &" in text
-    assert text.count(r"\\") == len(evaluation.estimators) + 1
-    with pytest.raises(RecordingError, match="exists"):
-        write_tables(evaluation, folder)
-    assert write_tables(evaluation, folder, overwrite=True) == paths
-    with pytest.raises(RecordingError, match="is a file"):
-        write_tables(evaluation, paths[0])
+    tables = dict(all_scores(evaluation))
+    assert (TOOL in tables) == (not evaluation.cartesian_note)
+    for joint, si in zip(evaluation.joints, evaluation.units, strict=True):
+        unit, table = display_unit(si), tables[joint]
+        values = [unit.scale * evaluation.score(n, joint).rmse for n in evaluation.estimators]
+        assert table[f"RMSE [{unit.name}]"].tolist() == shown(values)
+        assert f"spread [{unit.name}]" not in table  # of one seed there is none

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, TruejointError
 from truejoint.evaluation import evaluate
-from truejoint.evaluation.scoring import percent_of, rmse, tool_error, worst_windows
+from truejoint.evaluation.scoring import rmse, score_errors, tool_error, worst_windows
 from truejoint.robots import get_robot
 from truejoint.runtime import Corrector
 
@@ -43,16 +44,14 @@ def test_status_is_that_of_the_loop(model, test):
     for i, t in enumerate(strange.t):
         sample = [strange.column(name)[i] for name in corrector.signals]
         expected.append(int(corrector.step(float(t), sample)))
-    trace = evaluate(model, strange).traces[0]
-    assert trace.status is not None
-    np.testing.assert_array_equal(trace.status, expected)
+    np.testing.assert_array_equal(evaluate(model, strange).rows["status"], expected)
 
 
 def test_errors_inside_and_outside_stand_apart(model, test):
     strange = _shifted(test, slice(100, 300), measured=0.8, truth=0.8)
     evaluation = evaluate(model, strange)
-    score, inside = evaluation.score("linear", "jaw"), evaluation.traces[0].inside
-    error = evaluation.error("linear", 0)
+    score, inside = evaluation.score("linear", "jaw"), evaluation.rows["inside"]
+    error = evaluation.errors["linear", "jaw"]
     assert score.rmse_inside == pytest.approx(np.sqrt(np.mean(error[inside] ** 2)))
     assert score.rmse_outside == pytest.approx(np.sqrt(np.mean(error[~inside] ** 2)))
     assert evaluation.domain.inside == inside.mean()
@@ -132,7 +131,17 @@ def test_metrics_agree_with_sums_written_out(error):
 
 
 def test_percent_is_of_the_offset_and_nan_where_that_is_zero():
-    percent = percent_of([0.104, 1.0], [0.859, 0.0])
+    errors = pd.concat(
+        {
+            ("offset", 0): pd.DataFrame({"jaw": [0.859, -0.859], "wrist": [0.0, 0.0]}),
+            ("dnn", 0): pd.DataFrame({"jaw": [0.104, 0.104], "wrist": [1.0, 1.0]}),
+        },
+        axis=1,
+        names=["estimator", "seed", "joint"],
+    )
+    rows = pd.DataFrame({"inside": [True, False]})
+    scores = score_errors(errors, rows, {"jaw": "rad", "wrist": "rad"}).set_index("estimator")
+    percent = scores.percent_of_offset["dnn"].to_numpy()
     assert percent[0] == pytest.approx(12.107, abs=1e-3)
     assert np.isnan(percent[1])
 

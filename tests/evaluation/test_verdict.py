@@ -1,24 +1,23 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
+from pandas import DataFrame
 
 from truejoint.calibration.origin import Origin, Session
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.evaluate import part_by_time
 from truejoint.evaluation.paired_test import compare
-from truejoint.evaluation.results import Domain, Score
+from truejoint.evaluation.results import Domain
 from truejoint.evaluation.verdict import PLAIN, advise, doubts_about, judge, objections_to
 from truejoint.recordings import DataCheck
 
 
-def _score(estimator, joint, rmse, unit="rad"):
-    return Score(estimator, joint, unit, rmse, 3 * rmse, 0.0, math.nan)
-
-
 def _scores(**chosen):
-    rows = [_score("offset", joint, math.radians(1.0)) for joint in chosen]
-    return rows + [_score("dnn", joint, math.radians(value)) for joint, value in chosen.items()]
+    rows = [("offset", joint, math.radians(1.0)) for joint in chosen]
+    rows += [("dnn", joint, math.radians(value)) for joint, value in chosen.items()]
+    return DataFrame(rows, columns=["estimator", "joint", "rmse"]).assign(unit="rad")
 
 
 def test_without_a_tolerance_every_joint_must_beat_the_fixed_offset():
@@ -104,19 +103,19 @@ def test_another_homing_is_said(recording_of):
 NOISE = np.random.default_rng(0).normal(size=(5, 2, 800, 1))
 
 
-def _trace(row, legs=40, **sizes):
-    class Curves:
-        t = np.arange(800.0)
-        inside = np.arange(800) % 10 > 0
-        direction = np.where(np.arange(800) * legs // 800 % 2, -1.0, 1.0)[:, None]
-        estimates = sizes
-
-        def error(self, name):
-            own = sizes[name] * NOISE[list(sizes).index(name), row]
-            own[::10] = 0.0 if name == "dnn" else 100.0  # rows that the loop refuses
-            return own
-
-    return Curves()
+def _frames(*tests, legs=40):
+    """Errors and rows of a test for each mapping of sizes of errors, by estimator."""
+    errors, rows = [], []
+    for number, sizes in enumerate(tests):
+        own = {name: size * NOISE[k, number] for k, (name, size) in enumerate(sizes.items())}
+        for name, error in own.items():
+            error[::10] = 0.0 if name == "dnn" else 100.0  # rows that the loop refuses
+        index = [number] * 800
+        errors.append(pd.concat({n: DataFrame(e, index, ["jaw"]) for n, e in own.items()}, axis=1))
+        way = np.where(np.arange(800) * legs // 800 % 2, -1.0, 1.0)
+        known = {("inside", ""): np.arange(800) % 10 > 0, ("direction", "jaw"): way}
+        rows.append(DataFrame(known, index))
+    return pd.concat(errors), pd.concat(rows)
 
 
 BASE = {"raw": 9.0, "offset": 1.0}
@@ -134,8 +133,7 @@ BASE = {"raw": 9.0, "offset": 1.0}
     ],
 )
 def test_a_model_is_advised_that_no_other_beats_by_the_margin(sizes, deploy):
-    traces = [_trace(row, **(BASE | sizes)) for row in range(2)]
-    found = advise(traces, "dnn", plain=PLAIN | {"mine"})
+    found = advise(*_frames(*[BASE | sizes] * 2), "dnn", plain=PLAIN | {"mine"})
     assert found.deploy == deploy
     assert set(found.rivals) == ({"linear", "dnn"} if not deploy else set())
     assert ("Keep" in found.text) == (deploy == "dnn")
@@ -144,8 +142,8 @@ def test_a_model_is_advised_that_no_other_beats_by_the_margin(sizes, deploy):
 
 @pytest.mark.parametrize("legs", [1, 2, 7])
 def test_a_test_of_few_motions_to_and_fro_tells_nothing_however_far_apart(legs):
-    traces = [_trace(0, legs, **BASE, linear=0.2, dnn=0.8)]
-    found = advise(traces, "dnn", automatic=False)
+    frames = _frames(BASE | {"linear": 0.2, "dnn": 0.8}, legs=legs)
+    found = advise(*frames, "dnn", automatic=False)
     assert found.deploy == ""
     for words in ("cannot be told", "keep the neural network", "longer motion", "-e auto"):
         assert words in found.text
@@ -155,32 +153,31 @@ def test_a_test_of_few_motions_to_and_fro_tells_nothing_however_far_apart(legs):
 
 
 def test_nearly_the_same_model_is_kept_plain():
-    traces = [_trace(0, **BASE, linear=0.5)]
-    traces[0].estimates = {**BASE, "linear": 0.5, "dnn": 0.5}
-    alike = traces[0].error
-    traces[0].error = lambda name: alike("linear" if name == "dnn" else name)
-    assert advise(traces, "dnn").deploy == "linear"
+    errors, rows = _frames(BASE | {"linear": 0.5})
+    errors["dnn", "jaw"] = errors["linear", "jaw"]
+    assert advise(errors, rows, "dnn").deploy == "linear"
 
 
 def test_tests_count_together_or_each_by_itself():
     good = {"raw": 2.0, "offset": 1.0, "dnn": 0.5}
-    assert advise([_trace(0, **good)]).deploy == "dnn"
-    assert advise([_trace(0, **good), _trace(1, **(good | {"dnn": 4.0}))]).deploy == ""
+    assert advise(*_frames(good)).deploy == "dnn"
+    assert advise(*_frames(good, good | {"dnn": 4.0})).deploy == ""
     sizes = {"raw": 9.0, "offset": 9.0, "linear": 0.5, "dnn": 0.45}
-    traces = [_trace(row, **(sizes | {"linear": own})) for row, own in enumerate((0.6, 5.0))]
-    errors = [[t.error(name)[t.inside] for t in traces] for name in ("dnn", "linear")]
-    assert compare(*errors).outcome == "cannot be told", "the case shows nothing"
-    assert advise(traces).deploy == "dnn"
+    errors, rows = _frames(*(sizes | {"linear": own} for own in (0.6, 5.0)))
+    counted = errors[rows["inside"].to_numpy()]
+    pair = ([counted.loc[row, name].to_numpy() for row in range(2)] for name in ("dnn", "linear"))
+    assert compare(*pair).outcome == "cannot be told", "the case shows nothing"
+    assert advise(errors, rows).deploy == "dnn"
 
 
 def test_where_another_is_advised_the_sentence_says_how_to_get_it():
-    traces = [_trace(row, **BASE, linear=0.2, dnn=0.8) for row in range(2)]
-    found = advise(traces, "dnn", automatic=False)
+    frames = _frames(*[BASE | {"linear": 0.2, "dnn": 0.8}] * 2)
+    found = advise(*frames, "dnn", automatic=False)
     assert found.deploy == "linear"
-    assert "Deploy the linear model instead (truejoint calibrate -e linear)" in found.text
+    assert "Deploy the linear model instead (`truejoint calibrate -e linear`)" in found.text
     assert "-e auto" in found.text
-    assert "-e auto" not in advise(traces, "dnn").text
-    assert "instead" not in advise(traces).text
-    kept = [_trace(row, **BASE, linear=0.8, dnn=0.2) for row in range(2)]
-    assert "Keep" in advise(kept, "dnn", automatic=False).text
-    assert "-e auto" in advise(kept, "dnn", automatic=False).text
+    assert "-e auto" not in advise(*frames, "dnn").text
+    assert "instead" not in advise(*frames).text
+    kept = advise(*_frames(*[BASE | {"linear": 0.8, "dnn": 0.2}] * 2), "dnn", automatic=False)
+    assert "Keep" in kept.text
+    assert "-e auto" in kept.text

@@ -209,10 +209,10 @@ class Draw:
 
     def value(self, option: str) -> str:
         """Draw the value of an option."""
-        if option in {"--out", "--report", "--tables", "--plot", "--zero", "--rezero"}:
+        if option in {"--out", "--report", "--plot", "--zero", "--rezero"}:
             ending = self.one((".html", ".parquet", ".csv", ".safetensors", ".toml", ".png", ""))
             return str(self.folder / f"out{ending}") if self.chance(0.8) else self.one(TEXTS)
-        if option in {"--columns", "--robot", "--twin", "--training"} and self.chance(0.6):
+        if option in {"--columns", "--robot", "--twin"} and self.chance(0.6):
             return self.file()
         return self.one(NUMBERS) if self.chance(0.5) else self.one(TEXTS)
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
+import pandas as pd
+
 import truejoint
 from truejoint.cli.calibrate import fit
 from truejoint.cli.collect import record
@@ -17,6 +19,7 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import NETWORK
+from truejoint.evaluation.results import each
 from truejoint.files import check_folder
 
 # Three zig-zags between which all joints move; peng2024 judges each direction alone (II-E).
@@ -68,16 +71,16 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
     after_homings = truejoint.evaluate(models[0], short[MAKING:])
     check = DataCheck().run(same_homing, model=models[0])
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
-    checks = {"training": DataCheck().run(training, joints=models[0].joints)}
-    truejoint.write_report(
-        whole, folder / "report.html", training=training, checks=checks, command=command_line(),
-        overwrite=True,
-    )  # fmt: skip
+    report = folder / "report.html"
+    truejoint.write_report(whole, report, command=command_line(), overwrite=True)
     title = truejoint.recordings.datasets.DATASETS[REAL].title
     say(f"8. The same on a real robot: {title}")
     real = on_a_real_robot()
-    traces = [trace for result in judged.values() for trace in result.traces]
-    advice = truejoint.evaluation.advise(traces, judged["inside"].chosen)
+    errors, rows = (
+        pd.concat([getattr(result, frame) for result in judged.values()], join="inner")
+        for frame in ("errors", "rows")
+    )
+    advice = truejoint.evaluation.advise(errors, rows, judged["inside"].chosen)
     _show(judged, after_homings, advice.text)
     out.print(
         f"\nOpen {folder / 'report.html'} in a browser. In Python go on by docs/first_steps.md."
@@ -87,13 +90,10 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
     else:
         out.print(f"\n{title}: five lines of Python in docs/first_steps.md")
         out.print(truejoint.evaluation.score_table(real))
-    interval = {
-        name: [getattr(score, name) for score in after_homings.intervals]
-        for name in ("half_width", "coverage", "standard_error")
-    }
+    interval = after_homings.intervals[["half_width", "coverage", "standard_error"]]
     values = {
         "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
-        "tolerance": TOLERANCE, "interval": {"level": LEVEL, **interval},
+        "tolerance": TOLERANCE, "interval": {"level": LEVEL, **interval.to_dict("list")},
         "deploy": advice.deploy, "passed": whole.verdict.passed,
         "real": real if isinstance(real, str) else real.to_dict()["scores"],
     }  # fmt: skip
@@ -189,7 +189,7 @@ def _show(
     for (name, result), meaning in zip(judged.items(), meanings, strict=True):
         out.print(f"{name}: {meaning}", style="bold")
         out.print(truejoint.evaluation.score_table(result))
-    motions = len(short.intervals[0].shares)
+    motions = len(short.interval_trajectories)
     out.print(f"The network after any homing and {REZERO:g} s of truth, on {motions} motions:")
     out.print(truejoint.evaluation.interval_table(short))
     worst = []
@@ -197,8 +197,8 @@ def _show(
         share, where = max(
             (score.rmse / TOLERANCE[score.joint], f"{score.joint}, {test}")
             for test, result in judged.items()
-            for score in result.scores
-            if score.estimator == name
+            for score in each(result.scores)
+            if score.estimator == name and score.joint in TOLERANCE
         )
         title = truejoint.evaluation.estimator_title(name)
         worst.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")

@@ -20,8 +20,7 @@ from truejoint.cli.recording_options import (
     say_failed,
 )
 from truejoint.cli.show import is_model
-from truejoint.errors import CalibrationError, RecordingError
-from truejoint.files import check_folder
+from truejoint.errors import CalibrationError
 from truejoint.units import with_unit
 
 _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
@@ -56,16 +55,8 @@ def evaluate(
     data_check: DataCheck,
     files: Files,
     seeds: list[Path] | None = None,
-    training: list[str] | None = None,
-    tables: Path | None = None,
-    window_s: float = 10.0,
 ) -> Result:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
-    report, force = how.report, how.force
-    if tables is not None:
-        if tables.exists() and not force:
-            raise RecordingError(f"{tables}: exists already; name a new folder, or --force")
-        check_folder(tables)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
@@ -73,32 +64,20 @@ def evaluate(
             f"--seed-of: {model} is {first.estimator!r}; give models of the same estimator"
         )
     accepted = parse_tolerances(how.tolerance, first)
-    read_testing = files.find(
+    testing = files.find(
         recordings, part=how.part, split=how.split, model=first, inputs=first.feature_set
-    )
-    read_training = files.find(training or [], model=first)
-    testing, shown = read_testing(), read_training()
-    checks = {"test": data_check.run(testing, model=first)}
-    if shown:
-        checks["training"] = data_check.run(shown, joints=first.joints)
+    )()
+    check = data_check.run(testing, model=first)
     with progress("Judging"):
         result = truejoint.evaluate(
-            models, testing, tolerance=accepted, window=window_s, rezero=how.rezero_s,
-            check=checks["test"],
-        )  # fmt: skip
-    if report is not None:
-        with progress(f"Writing {report}"):
-            truejoint.write_report(
-                result, report, training=shown, checks=checks, command=command_line(),
-                overwrite=force,
-            )  # fmt: skip
-    if tables is not None:
-        truejoint.evaluation.write_tables(result, tables, overwrite=force)
+            models, testing, tolerance=accepted, rezero=how.rezero_s, check=check
+        )
+    if how.report is not None:
+        with progress(f"Writing {how.report}"):
+            truejoint.write_report(result, how.report, command=command_line(), overwrite=how.force)
     _show(result)
-    say_failed(checks["test"])
-    values = {"checks": {name: each.to_dict() for name, each in checks.items()}}
-    passed = result.verdict.passed and not checks["test"].failed
-    return Result(result.to_dict() | values, passed)
+    say_failed(check)
+    return Result(result.to_dict(), result.verdict.passed and not check.failed)
 
 
 def _show(result: truejoint.evaluation.Evaluation) -> None:
@@ -106,14 +85,14 @@ def _show(result: truejoint.evaluation.Evaluation) -> None:
     out.print(truejoint.evaluation.score_table(result))
     for name, note in result.baseline_notes.items():
         say(f"{name}: {note}")
-    if result.intervals:
+    if not result.intervals.empty:
         out.print(truejoint.evaluation.interval_table(result))
-    if result.intervals or result.interval_objections:
+    if not result.intervals.empty or result.interval_objections:
         for line in (result.interval_note, *result.interval_objections):
             say(line)
     if result.domain.inside < 1.0:
         out.print(truejoint.evaluation.domain_table(result))
-    say(truejoint.evaluation.score_rows.domain_line(result))
+    say(truejoint.evaluation.score_tables.domain_line(result))
     _show_verdict(result.verdict)
     if result.verdict.advice and result.verdict.advice not in result.verdict.doubts:
         out.print(result.verdict.advice)

@@ -16,18 +16,21 @@ from pathlib import PurePath
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
+from pandas import DataFrame
 
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.paired_test import compare, cycle_rows
-from truejoint.evaluation.results import BASELINES, OFFSET, RAW, TOOL, Comparison, Evaluation, Trace
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, by_recording
 from truejoint.evaluation.scoring import (
     domain_of,
     judge_recording,
     rmse,
     score_errors,
+    score_recordings,
     why_no_cartesian,
     worst_stretches,
 )
@@ -59,7 +62,6 @@ def evaluate(
     *,
     chosen: str | None = None,
     tolerance: Mapping[str, float] | None = None,
-    window: float = 10.0,
     rezero: float = 0.0,
     check: DataCheck | None = None,
 ) -> Evaluation:
@@ -73,7 +75,7 @@ def evaluate(
     Parameters
     ----------
     models : Calibration, path of a model file, sequence of these, or mapping of str to these
-        All must correct the same joints. Several of one estimator are seeds of it: curves and
+        All must correct the same joints. Several of one estimator are seeds of it: errors and
         stretches show the first. A mapping is by estimator.
     recordings : Recording or sequence of Recording
         With ``truth/<joint>`` of every calibrated joint.
@@ -82,8 +84,6 @@ def evaluate(
         certain; the first of `models` by default, and of several none is kept.
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
-    window : float
-        Length [s] of the worst stretches.
     rezero : float
         When above 0, the first `rezero` seconds of truth of every recording set the zero of every
         model and baseline, and are not judged: the accuracy of motions that begin so. Where a
@@ -110,10 +110,6 @@ def evaluate(
         raise CalibrationError(
             f"the time to re-zero from is {rezero!r:.40} s; it must be 0 s or more"
         )
-    if not (isinstance(window, Real) and 0.0 < window < math.inf):
-        raise CalibrationError(
-            f"the window of worst stretches is {window!r:.40} s; it must be > 0 s"
-        )
     by_estimator = _by_estimator(models)
     recordings = as_recordings(recordings)
     if rezero > 0.0 and RAW in by_estimator:  # no correction, but not as it comes: another row
@@ -129,7 +125,7 @@ def evaluate(
     chosen, joints = _checked_models(calibrations, chosen)
     robot, model = _checked_robot(recordings), calibrations[chosen][0]
     check = check or check_data(recordings, joints=joints, model=model)
-    units = tuple(robot.joint(joint).unit for joint in joints)
+    units = {joint: robot.joint(joint).unit for joint in joints}
     note = why_no_cartesian(robot, recordings)
     against = _with_baselines(calibrations, chosen)
     names = unique_names([recording.provenance.source for recording in recordings])
@@ -137,11 +133,11 @@ def evaluate(
         judge_recording(recording, name, against, joints, None if note else robot, chosen, rezero)
         for recording, name in zip(recordings, names, strict=True)
     ]
-    traces = [recording.trace for recording in judged]
-    domain = domain_of(traces)
-    errors = tuple(score_errors(judged, joints, units))
-    scores = [score for score in errors if not score.recording and score.joint != TOOL]
-    comparisons = tuple(_comparisons(traces, joints, chosen))
+    by_seed, rows = (pd.concat(parts, join="inner") for parts in zip(*judged, strict=True))
+    errors = by_seed.xs(0, axis=1, level="seed")
+    domain = domain_of(rows)
+    scores, each = score_errors(by_seed, rows, units), score_recordings(by_seed, rows, units)
+    comparisons = DataFrame(_comparisons(errors, rows, joints, chosen))
     of_plain = {name for name, seeds in calibrations.items() if seeds[0].estimator in PLAIN}
     verdict = judge(
         scores,
@@ -149,7 +145,8 @@ def evaluate(
         tolerance=tolerance or {},
         comparisons=comparisons,
         advice=advise(
-            traces,
+            errors,
+            rows,
             in_use,
             plain=PLAIN | of_plain,
             automatic=any("choice" in own.metadata for own in chain(*calibrations.values())),
@@ -159,48 +156,62 @@ def evaluate(
     )
     if rezero > 0.0:
         plain = by_estimator[chosen][0]
-        own = {score.joint: score for score in scores if score.estimator == chosen}
-        pairs = list(zip(recordings, traces, strict=True))
-        plain_errors = [plain.correct(r)[np.isin(r.t, trace.t)] - trace.truth for r, trace in pairs]
-        verdict = rezero_remark(verdict, own, rmse(np.concatenate(plain_errors)), rezero)
+        plain_errors = [
+            plain.correct(recording)[np.isin(recording.t, own["t"])] - own["truth"].to_numpy()
+            for recording, (_, own) in zip(recordings, judged, strict=True)
+        ]
+        verdict = rezero_remark(verdict, rmse(np.concatenate(plain_errors)), rezero)
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
         title=robot.title,
         joints=joints,
-        units=units,
+        units=tuple(units.values()),
         chosen=chosen,
-        estimators=tuple(judged[0].errors),
+        estimators=tuple(errors.columns.unique("estimator")),
         baseline_notes=dict(model.origin.baseline_notes),
         errors=errors,
+        scores=scores,
+        recording_scores=each,
         cartesian_note=note,
-        worst=worst_stretches(traces, chosen, verdict.joints, window),
-        window=window,
+        worst=worst_stretches(rows, errors[chosen], verdict.joints),
         rezero=rezero,
         verdict=verdict,
         check=check,
         domain=domain,
         comparisons=comparisons,
         training=json_values(model.facts),
-        **judge_interval(by_estimator[chosen][0], recordings, traces),
+        test=tuple(
+            {"name": name, "rows": len(own), "rows_total": len(r), **r.provenance.to_dict()}
+            for r, name, (own, _) in zip(recordings, names, judged, strict=True)
+        ),
+        effort_units={
+            joint: recordings[0].units[f"effort/{joint}"] for joint in rows["effort"].columns
+        },
+        **judge_interval(by_estimator[chosen][0], recordings, rows),
     )
 
 
 def _comparisons(
-    traces: Sequence[Trace], joints: Sequence[str], chosen: str
-) -> Iterator[Comparison]:
+    errors: DataFrame, rows: DataFrame, joints: Sequence[str], chosen: str
+) -> Iterator[dict[str, Any]]:
     """Compare the chosen model with each other one, in each joint, over all rows."""
-    step = float(np.median(np.concatenate([np.diff(trace.t) for trace in traces])))
-    least = cycle_rows([trace.direction for trace in traces])
-    others = [name for name in traces[0].estimates if name != chosen]
-    for (column, joint), other in product(enumerate(joints), others):
-        errors, other_errors = (
-            [t.error(name)[:, column] for t in traces] for name in (chosen, other)
-        )
-        difference = compare(errors, other_errors, least)
-        yield Comparison(
-            other, joint, difference.outcome, difference.stretches, difference.rows * step
-        )
+    parts, t = by_recording(rows.index), rows["t"].to_numpy()
+    step = float(np.median(np.concatenate([np.diff(t[part]) for part in parts])))
+    moves = rows["direction"].to_numpy()
+    least = cycle_rows([moves[part] for part in parts])
+    names = [name for name in errors.columns.unique("estimator") if name != chosen]
+    for joint, name in product(joints, names):
+        pair = (errors[key, joint].to_numpy() for key in (chosen, name))
+        own, other = ([error[part] for part in parts] for error in pair)
+        difference = compare(own, other, least)
+        yield {
+            "estimator": name,
+            "joint": joint,
+            "outcome": difference.outcome,
+            "stretches": difference.stretches,
+            "seconds": difference.rows * step,
+        }
 
 
 def _by_estimator(models: Any) -> dict[str, list[Calibration]]:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
+from pandas import DataFrame
+from scipy.special import stdtrit
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
-from truejoint.evaluation.results import IntervalScore, Trace, known_loads
-from truejoint.evaluation.scoring import spread
+from truejoint.evaluation.results import by_recording
 from truejoint.recordings.table.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
@@ -22,36 +23,33 @@ _NAMED: Final = 4  # recordings that a sentence names
 
 
 def judge_interval(
-    calibration: Calibration, recordings: Sequence[Recording], traces: Sequence[Trace]
+    calibration: Calibration, recordings: Sequence[Recording], rows: DataFrame
 ) -> dict[str, Any]:
     """Judge the interval of a calibration on recordings that no part of it saw.
 
     Recordings on which it would mislead are left out and named. A recording counts as one
     trajectory; where the interval holds after any homing, all recordings after one homing do.
-    Gives what `Evaluation` says of intervals, by attribute, and `traces` with bounds.
+    Gives what `Evaluation` says of intervals, by attribute, and its `rows` with bounds.
     """
     interval = calibration.interval
     if interval is None:
-        return {"traces": tuple(traces)}
+        return {"rows": rows}
     level = min(map(float, interval.levels), key=lambda value: (abs(value - _WANTED), -value))
-    homings, bounded, judged = _own_homings(calibration), list[Trace](), list[Trace]()
+    homings, bounds, judged = _own_homings(calibration), list[Array](), list[Recording]()
     names_of: dict[str, list[str]] = {}  # recordings, by why they are left out
     units: dict[str, list[tuple[Array, Array]]] = {}  # errors and widenings, by trajectory
-    for recording, trace in zip(recordings, traces, strict=True):
+    for recording, part in zip(recordings, by_recording(rows.index), strict=True):
         truth = recording.columns("truth", calibration.joints)
         has_truth = np.isfinite(truth).all(axis=1)
         scored = ~at_start(recording.t[has_truth], interval.rezero)
-        rows, homing = calibration.rows(recording), recording.provenance.homing_id
-        model = zeroed(calibration, rows, interval.rezero)
-        position = model.correct(rows)[has_truth]
-        widening = 1.0 + interval.growth * model.range_excess(rows)[has_truth]
+        inputs, homing = calibration.rows(recording), recording.provenance.homing_id
+        model = zeroed(calibration, inputs, interval.rezero)
+        position = model.correct(inputs)[has_truth]
+        widening = 1.0 + interval.growth * model.range_excess(inputs)[has_truth]
         holds = _allows_offset(interval) or not homings or not homing or homing in homings
-        lower = upper = None
-        if holds and scored.any():
-            half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
-            shown = np.isin(recording.t[has_truth], trace.t)
-            lower, upper = (position - half)[shown], (position + half)[shown]
-        bounded.append(replace(trace, lower=lower, upper=upper))
+        half = np.where(scored & holds, widening, math.nan)[:, None] * interval.half_width(level)
+        shown = np.isin(recording.t[has_truth], rows["t"].iloc[part])
+        bounds.append(np.hstack([position - half, position + half])[shown])
         reason = ""
         if model.origin.includes(recording):
             reason = "used in the fit"
@@ -63,24 +61,26 @@ def judge_interval(
         elif not scored.any():
             reason = f"all truth lies within the {interval.rezero:g} s that re-zero the model"
         if reason:
-            names_of.setdefault(reason, []).append(trace.name)
+            names_of.setdefault(reason, []).append(rows.index[part][0])
             continue
-        judged.append(trace)
+        judged.append(recording)
         shared = homing and interval.any_homing
-        unit = units.setdefault(f"homing {homing}" if shared else trace.name, [])
+        unit = units.setdefault(f"homing {homing}" if shared else rows.index[part][0], [])
         unit.append(((truth[has_truth] - position)[scored], widening[scored]))
     objections = []
     for reason, names in names_of.items():
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         listed = "; ".join(names[:_NAMED]) + more
         objections.append(f"Coverage is not judged on {listed}: {reason}.")
+    places = pd.MultiIndex.from_product([("lower", "upper"), calibration.joints])
+    bounded = DataFrame(np.concatenate(bounds), rows.index, places)
     return {
-        "intervals": tuple(_scores(calibration, list(units.values()))),
+        "intervals": DataFrame(_scores(calibration, list(units.values()))),
         "interval_trajectories": tuple(units),
         "interval_level": level,
         "interval_note": _note(calibration, level, judged),
         "interval_objections": tuple(objections),
-        "traces": tuple(bounded),
+        "rows": pd.concat([rows, bounded], axis=1),
     }
 
 
@@ -98,7 +98,7 @@ def _own_homings(calibration: Calibration) -> set[str]:
 
 def _scores(
     calibration: Calibration, units: Sequence[Sequence[tuple[Array, Array]]]
-) -> Iterator[IntervalScore]:
+) -> Iterator[dict[str, Any]]:
     """Score every level and joint on errors and widenings of trajectories, by recording."""
     interval = calibration.required_interval()
     errors, widenings = (
@@ -109,22 +109,36 @@ def _scores(
         allowed = [widening[:, None] * base for widening in widenings]
         inside = [np.abs(e) <= most for e, most in zip(errors, allowed, strict=True)]
         shares = np.array([rows.mean(axis=0) for rows in inside])
-        sampling = spread(shares) / math.sqrt(len(units))
         half_width = base * np.mean([widening.mean() for widening in widenings])
         for k, joint in enumerate(calibration.joints):
-            yield IntervalScore(
-                joint=joint,
-                unit=calibration.units[f"measured/{joint}"],
-                level=float(level),
-                coverage=float(shares[:, k].mean()),
-                standard_error=float(sampling[k]),
-                half_width=float(half_width[k]),
-                offset_half_width=float(interval.offset_half_widths[row, k]),
-                shares=tuple(float(share) for share in shares[:, k]),
-            )
+            yield {
+                "joint": joint,
+                "unit": calibration.units[f"measured/{joint}"],
+                "level": float(level),
+                **coverage_of(shares[:, k], level),
+                "half_width": half_width[k],
+                "offset_half_width": interval.offset_half_widths[row, k],
+                "shares": tuple(shares[:, k].tolist()),
+            }
 
 
-def _note(calibration: Calibration, level: float, judged: Sequence[Trace]) -> str:
+def coverage_of(shares: Array, level: float) -> dict[str, Any]:
+    """Mean of the shares (n,) inside, its sampling error, and whether it agrees with the level.
+
+    It cannot be told of a single trajectory: NaN, and an empty text.
+    """
+    coverage, n = float(shares.mean()), len(shares)
+    error, agreement = math.nan, ""
+    if n > 1:
+        error = float(shares.std(ddof=1)) / math.sqrt(n)
+        margin = float(stdtrit(n - 1, 0.975)) * error
+        agreement = "agrees"
+        if abs(coverage - level) > margin:
+            agreement = "too few inside" if coverage < level else "more inside"
+    return {"coverage": coverage, "standard_error": error, "agreement": agreement}
+
+
+def _note(calibration: Calibration, level: float, judged: Sequence[Recording]) -> str:
     interval = calibration.required_interval()
     note = f"Stated {interval.meaning}."
     if judged:
@@ -145,12 +159,12 @@ def _note(calibration: Calibration, level: float, judged: Sequence[Trace]) -> st
         )
     stated = [session.load for session in calibration.origin.interval_sessions]
     seen = [load for load in stated if not math.isnan(load)]
-    loads = known_loads(judged)
-    beyond = [load for load in loads if seen and not min(seen) <= load <= max(seen)]
+    loads = {recording.provenance.load for recording in judged}
+    beyond = sorted(load for load in loads if seen and (load < min(seen) or load > max(seen)))
     if beyond:
         masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
         note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
-    named = _own_homings(calibration) and all(trace.provenance["homing_id"] for trace in judged)
+    named = _own_homings(calibration) and all(r.provenance.homing_id for r in judged)
     if not named and not _allows_offset(interval):
         note += " Not all recordings name their homing; it is taken to be the same one."
     return note

@@ -1,4 +1,4 @@
-"""Errors of every model on the test, their scores and worst windows, and what the loop says.
+"""The frame of errors of every model on the test, their scores, worst windows and domain.
 
 An error is the estimated position minus the true one, in the joint's SI unit (rad or m).
 """
@@ -6,27 +6,27 @@ An error is the estimated position minus the true one, in the joint's SI unit (r
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
+from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
+from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask, floats
 from truejoint.calibration import Calibration
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.evaluation.results import (
+    AXES,
     OFFSET,
     RAW,
     TOOL,
     Domain,
     JointVerdict,
-    Score,
-    Stretch,
-    Trace,
+    by_recording,
 )
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction, velocity
@@ -35,10 +35,13 @@ from truejoint.runtime import Status
 from truejoint.runtime.corrector import corrector_for
 from truejoint.runtime.limits import believable_corrections
 
+WINDOW: Final = 10.0
+"""Length of the worst stretches [s]."""
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
 _COUNT = 3  # worst windows of each joint
 _HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
+_LEVELS = ["estimator", "seed", "joint"]  # of the columns of a frame of errors
 
 
 def rmse(error: ArrayLike) -> Array:
@@ -69,23 +72,6 @@ def rmse(error: ArrayLike) -> Array:
             "an error is not finite; select the rows with truth before computing metrics"
         )
     return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))
-
-
-def percent_of(value: ArrayLike, whole: ArrayLike) -> Array:
-    """`value` as a percentage of `whole`, as peng2024, Table I, states it; NaN of zero.
-
-    Parameters
-    ----------
-    value, whole : array_like, same shape
-        RMSE of an estimator and of the fixed offset, in one unit.
-
-    Examples
-    --------
-    >>> print(percent_of(0.1, 0.4))
-    25.0
-    """
-    value, whole = np.asarray(value, dtype=float), np.asarray(whole, dtype=float)
-    return 100.0 * value / np.where(whole > 0.0, whole, np.nan)
 
 
 def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) -> Array:
@@ -120,15 +106,6 @@ def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) ->
     return error[..., :3, 3]
 
 
-@dataclass(frozen=True, eq=False)
-class JudgedRecording:
-    """One test recording: errors (n, n_joints) and tool errors (n, 3) by estimator and seed."""
-
-    trace: Trace
-    errors: Mapping[str, list[Array]]
-    tool_errors: Mapping[str, list[Array]]
-
-
 def judge_recording(
     recording: Recording,
     name: str,
@@ -137,13 +114,13 @@ def judge_recording(
     robot: Robot | None,
     chosen: str,
     rezero: float,
-) -> JudgedRecording:
-    """Errors of every model on a recording; those of the tool too where a `robot` is given.
+) -> tuple[DataFrame, DataFrame]:
+    """`Evaluation.errors` and `Evaluation.rows` of a recording; of the tool too with a `robot`.
 
     The first `rezero` seconds of truth set every zero, and are not judged. Raises RecordingError if
     fewer than two rows are left, CalibrationError if a model gives no number for one.
     """
-    truth = recording.columns("truth", joints)
+    truth, measured = (recording.columns(key, joints) for key in ("truth", "measured"))
     judged = np.asarray(np.isfinite(truth).all(axis=1))
     if judged.any():
         judged[judged] = ~at_start(recording.t[judged], rezero)
@@ -153,17 +130,46 @@ def judge_recording(
             f"{recording.provenance.source or 'recording'}: {int(judged.sum())} rows have the "
             f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
         )
-    rows, measured = models[chosen][0].rows(recording), recording.columns("measured", joints)
-    for seed in chain(*models.values()):
-        seed.check_recording(recording)  # rows that several see alike may be of another robot
-    at_zero = {key: [zeroed(seed, rows, rezero) for seed in own] for key, own in models.items()}
-    estimates = {RAW: [_finite(measured, RAW, name)[judged]]}
-    for key, seeds in at_zero.items():
-        estimates[key] = [_finite(seed.correct(rows), key, name)[judged] for seed in seeds]
-    errors = {key: [value - truth[judged] for value in own] for key, own in estimates.items()}
-    tool, tool_errors = _of_the_tool(robot, recording, judged, joints, truth[judged], estimates)
+    positions, inputs = {(RAW, 0): measured}, models[chosen][0].rows(recording)
+    for key, seeds in models.items():
+        for number, seed in enumerate(seeds):
+            seed.check_recording(recording)  # rows that several see alike may be of another robot
+            positions[key, number] = zeroed(seed, inputs, rezero).correct(inputs)
+    for (key, _), position in positions.items():
+        if (bad := ~np.isfinite(position).all(axis=1)).any():
+            raise CalibrationError(
+                f"{key} gives no number for row {int(np.argmax(bad))} of {name}; the model "
+                "does not apply to this recording"
+            )
+    index = pd.Index([name] * int(judged.sum()), name="recording")
+    true = truth[judged]
+    errors = {key: position[judged] - true for key, position in positions.items()}
+    columns, known = list(joints), {"truth": DataFrame(true, index, joints)}
+    if robot is not None and robot.kinematics is not None:
+        columns += [*AXES, TOOL]
+        place = _tool_places(recording, robot, robot.kinematics, joints, judged)
+        at = place(true)
+        known["tool"] = DataFrame(at, index, AXES)
+        for which, position in positions.items():
+            off = place(position[judged]) - at
+            distance = np.linalg.norm(off, axis=1)
+            errors[which] = np.column_stack([errors[which], off, distance])
+    frames = {key: DataFrame(error, index, columns) for key, error in errors.items()}
+    model = zeroed(models[chosen][0], inputs, rezero)
+    about = _facts(recording, model, truth - measured)
+    for quantity, values in about.items():
+        names = joints if values.ndim > 1 else [""]
+        known[quantity] = DataFrame(values[judged], index, names)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
-    model = at_zero[chosen][0]
+    known["effort"] = DataFrame(recording.columns("effort", efforts)[judged], index, efforts)
+    return (
+        pd.concat(frames, axis=1, names=_LEVELS),
+        pd.concat(known, axis=1, names=["quantity", "joint"]),
+    )
+
+
+def _facts(recording: Recording, model: Calibration, error: Array) -> dict[str, Array]:
+    """Time, load, motion, and what the loop says of rows whose truth less measured is `error`."""
     # An estimator that uses later rows runs in no loop; its training domain is judged by alone.
     try:
         corrector = corrector_for(model, [recording])
@@ -173,62 +179,36 @@ def judge_recording(
     # A moved zero is another matter than rows unlike the training.
     status = corrector.run(recording).status & _HOMING
     assert model.training_domain is not None  # noqa: S101  # its corrector refuses others
-    (lower, upper), error = believable_corrections(model.training_domain), truth - measured
-    trace = Trace(
-        name=name,
-        provenance=recording.provenance.to_dict(),
-        rows_total=len(recording),
-        t=recording.t[judged],
-        truth=truth[judged],
-        measured=measured[judged],
-        velocity=velocity(recording.t, measured)[judged],
-        direction=direction(recording.t, measured)[judged],
-        effort={joint: recording.column(f"effort/{joint}")[judged] for joint in efforts},
-        effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
-        estimates={key: seeds[0] for key, seeds in estimates.items()},
-        tool={key: tool[key] for key in ("truth", OFFSET, chosen) if key in tool},
-        status=status[judged],
-        believable=np.all((error >= lower) & (error <= upper), axis=1)[judged],
-    )
-    return JudgedRecording(trace, errors, tool_errors)
+    (lower, upper), t = believable_corrections(model.training_domain), recording.t
+    measured = recording.columns("measured", model.joints)
+    return {
+        "t": t,
+        "load": np.full(len(t), recording.provenance.load),
+        "measured": measured,
+        "velocity": velocity(t, measured),
+        "direction": direction(t, measured),
+        "status": status,
+        "inside": status & ~int(Status.ZERO_SUSPECT) == 0,
+        "believable": np.all((error >= lower) & (error <= upper), axis=1),
+    }
 
 
-def _of_the_tool(
-    robot: Robot | None,
+def _tool_places(
     recording: Recording,
-    judged: Mask,
+    robot: Robot,
+    kinematics: Kinematics,
     joints: Sequence[str],
-    truth: Array,
-    estimates: Mapping[str, Sequence[Array]],
-) -> tuple[dict[str, Array], dict[str, list[Array]]]:
-    """Where the tool is (n, 3) [m] in truth and by the first of every model, and errors of all.
-
-    In the `judged` rows; both are empty without a `robot`, or one without kinematics.
-    """
-    if robot is None or robot.kinematics is None:
-        return {}, {}
-    kinematics = robot.kinematics
-    reported, columns = all_joints(recording, robot)[judged], robot.index(list(joints))
+    rows: Mask,
+) -> Callable[[Array], Array]:
+    """Give what places the tool (n, 3) [m] with `joints` at (n, n_joints), in those `rows`."""
+    reported, columns = all_joints(recording, robot)[rows], robot.index(list(joints))
 
     def place(positions: Array) -> Array:
-        """Place of the tool with the calibrated joints at `positions` (n, n_joints)."""
         changed = reported.copy()
         changed[:, columns] = positions
         return kinematics.forward(changed)[..., :3, 3]
 
-    true = place(truth)
-    errors = {key: [place(value) - true for value in seeds] for key, seeds in estimates.items()}
-    return {"truth": true} | {key: true + own[0] for key, own in errors.items()}, errors
-
-
-def _finite(positions: Array, estimator: str, name: str) -> Array:
-    bad = ~np.isfinite(positions).all(axis=1)
-    if bad.any():
-        raise CalibrationError(
-            f"{estimator} gives no number for row {int(np.argmax(bad))} of {name}; the model "
-            "does not apply to this recording"
-        )
-    return positions
+    return place
 
 
 def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
@@ -257,85 +237,60 @@ def all_joints(recording: Recording, robot: Robot) -> Array:
     return positions
 
 
-def domain_of(traces: Sequence[Trace]) -> Domain:
+def domain_of(rows: DataFrame) -> Domain:
     """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
-    status = np.concatenate([trace.status for trace in traces])
+    status = rows["status"].to_numpy()
     shares = [(float(np.mean(status & bit != 0)), str(bit.name)) for bit in Status if bit]
     return Domain(
-        inside=float(np.mean(np.concatenate([trace.inside for trace in traces]))),
+        inside=float(rows["inside"].mean()),
         flags={name: share for share, name in sorted(shares, reverse=True) if share},
-        beyond=1.0 - float(np.concatenate([trace.believable for trace in traces]).mean()),
+        beyond=1.0 - float(rows["believable"].mean()),
     )
 
 
 def score_errors(
-    tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
-) -> Iterator[Score]:
-    """Score estimators in each joint over all recordings, the tool likewise, then each recording.
-
-    Joints are `joints`, with their SI `units`.
-    """
-    pooled = _stacked([test.errors for test in tested])
-    inside = np.concatenate([test.trace.inside for test in tested])
-    yield from _scores(pooled, joints, units, inside=inside)
-    vectors = _stacked([test.tool_errors for test in tested])
-    lengths = {name: np.linalg.norm(e, axis=2)[..., None] for name, e in vectors.items()}
-    for score in _scores(lengths, [TOOL], ["m"]):
-        axes = _rmse(vectors[score.estimator]).mean(axis=0).tolist()
-        yield replace(score, mean=math.nan, **dict(zip("xyz", axes, strict=True)))
-    for test in tested:
-        yield from _scores(_stacked([test.errors]), joints, units, recording=test.trace.name)
-
-
-def _stacked(recordings: Sequence[Mapping[str, Sequence[Array]]]) -> dict[str, Array]:
-    """Errors (seeds, rows, k) by estimator, the rows of all recordings together."""
-    return {
-        name: np.stack([np.concatenate(arrays) for arrays in zip(*parts, strict=True)])
-        for name in recordings[0]
-        if (parts := [errors[name] for errors in recordings])
-    }
-
-
-def _rmse(errors: Array) -> Array:
-    """RMSE (seeds, k) of errors (seeds, rows, k); NaN without rows."""
-    if not errors.shape[1]:
-        return np.full(errors.shape[::2], np.nan)
-    return np.asarray(np.sqrt(np.mean(np.square(errors), axis=1)))
+    errors: DataFrame, rows: DataFrame, units: Mapping[str, str], recording: str = ""
+) -> DataFrame:
+    """Score a frame of errors by estimator and joint, in `units`: see `Evaluation.scores`."""
+    inside = rows["inside"].to_numpy()
+    by_seed = pd.concat(
+        {
+            "rmse": _root(errors),
+            "max_abs": errors.abs().max(),
+            "mean": errors.mean(),
+            "rmse_inside": _root(errors[inside]),
+            "rmse_outside": _root(errors[~inside]),
+        },
+        axis=1,
+    ).groupby(level=["joint", "estimator"], sort=False)
+    scores = by_seed.mean()
+    scores["max_abs"] = by_seed["max_abs"].max()
+    scores["spread"], scores["seeds"] = by_seed["rmse"].std(), by_seed.size()
+    offset = scores["rmse"].xs(OFFSET, level="estimator")
+    offset = offset[offset > 0.0].reindex(scores.index, level="joint")
+    scores["percent_of_offset"] = 100.0 * scores["rmse"] / offset
+    for letter, axis in zip("xyz", AXES, strict=True):
+        scores[letter] = math.nan
+        if axis in scores.index:
+            scores.loc[TOOL, letter] = np.asarray(scores.loc[axis, "rmse"])
+    scores = scores.drop(index=list(AXES), level="joint", errors="ignore").reset_index()
+    scores["unit"], scores["recording"] = scores["joint"].map(units).fillna("m"), recording
+    scores.loc[scores["joint"] == TOOL, "mean"] = math.nan  # a distance has none
+    return scores
 
 
-def _scores(
-    errors: Mapping[str, Array],
-    joints: Sequence[str],
-    units: Sequence[str],
-    *,
-    inside: Mask | None = None,
-    recording: str = "",
-) -> Iterator[Score]:
-    """Score errors (seeds, rows, n_joints) by estimator; `inside` (rows,) splits them."""
-    roots = {name: _rmse(error) for name, error in errors.items()}
-    for name, error in errors.items():
-        root = roots[name].mean(axis=0)
-        columns = {
-            "rmse": root,
-            "max_abs": np.abs(error).max(axis=(0, 1)),
-            "mean": error.mean(axis=1).mean(axis=0),
-            "percent_of_offset": percent_of(root, roots[OFFSET].mean(axis=0)),
-            "spread": spread(roots[name]),
-        }
-        if inside is not None:
-            columns["rmse_inside"] = _rmse(error[:, inside]).mean(axis=0)
-            columns["rmse_outside"] = _rmse(error[:, ~inside]).mean(axis=0)
-        rows = np.column_stack([*columns.values()]).tolist()
-        for joint, unit, row in zip(joints, units, rows, strict=True):
-            values = dict(zip(columns, row, strict=True))
-            yield Score(name, joint, unit, seeds=len(error), recording=recording, **values)
+def score_recordings(errors: DataFrame, rows: DataFrame, units: Mapping[str, str]) -> DataFrame:
+    """Score each recording of a frame of errors: see `Evaluation.recording_scores`."""
+    parts = [
+        score_errors(errors[part], rows[part], units, rows.index[part][0])
+        for part in by_recording(rows.index)
+    ]
+    scores = pd.concat(parts, ignore_index=True)
+    return scores[scores["joint"] != TOOL]
 
 
-def spread(values: Array) -> Array:
-    """Sample standard deviation over seeds (axis 0); NaN with fewer than two."""
-    if len(values) < 2:
-        return np.full(values.shape[1:], np.nan)
-    return np.asarray(values.std(axis=0, ddof=1))
+def _root(errors: DataFrame) -> pd.Series:
+    return errors.pow(2).mean().pow(0.5)
 
 
 def worst_windows(
@@ -366,20 +321,29 @@ def worst_windows(
 
 
 def worst_stretches(
-    traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
-) -> tuple[Stretch, ...]:
-    """Worst windows [s] of each joint over all recordings, by RMSE as a multiple of its limit."""
-    stretches: list[Stretch] = []
-    for column, verdict in enumerate(joints):
-        of_joint = []
-        for index, trace in enumerate(traces):
-            error = trace.error(chosen)[:, column]
-            for first, end, root in worst_windows(trace.t, error, window, _COUNT):
-                largest = float(np.abs(error[first:end]).max())
-                start, stop = float(trace.t[first]), float(trace.t[end - 1])
-                of_joint.append(
-                    Stretch(verdict.joint, verdict.unit, index, start, stop, root, largest)
+    rows: DataFrame, errors: DataFrame, joints: Sequence[JointVerdict]
+) -> DataFrame:
+    """Worst windows of each joint over all recordings, by RMSE as a multiple of its limit.
+
+    `errors` (n, joints) are of one model. See `Evaluation.worst`.
+    """
+    found = []
+    for verdict in joints:
+        limit = verdict.limit if verdict.limit > 0 else 1.0
+        for part in by_recording(rows.index):
+            t, error = rows["t"].to_numpy()[part], errors[verdict.joint].to_numpy()[part]
+            for first, end, root in worst_windows(t, error, WINDOW, _COUNT):
+                found.append(
+                    {
+                        "joint": verdict.joint,
+                        "unit": verdict.unit,
+                        "recording": rows.index[part][0],
+                        "start": t[first],
+                        "end": t[end - 1],
+                        "rmse": root,
+                        "max_abs": np.abs(error[first:end]).max(),
+                        "ratio": root / limit,
+                    }
                 )
-        stretches += sorted(of_joint, key=lambda stretch: -stretch.rmse)[:_COUNT]
-    limits = {verdict.joint: verdict.limit if verdict.limit > 0 else 1.0 for verdict in joints}
-    return tuple(sorted(stretches, key=lambda stretch: -stretch.rmse / limits[stretch.joint]))
+    worst = DataFrame(found).sort_values("ratio", ascending=False, kind="stable")
+    return worst.groupby("joint").head(_COUNT).drop(columns="ratio").reset_index(drop=True)

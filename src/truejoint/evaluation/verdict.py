@@ -7,9 +7,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import PurePath
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.calibration.origin import Origin
@@ -20,12 +21,12 @@ from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,
     RAW,
-    Comparison,
+    TOOL,
     Domain,
     JointVerdict,
-    Score,
-    Trace,
     Verdict,
+    by_recording,
+    each,
     estimator_phrase,
 )
 from truejoint.recordings.judge.data_check import DataCheck
@@ -44,11 +45,11 @@ PLAIN: Final = frozenset({RAW, OFFSET, "linear"})
 
 
 def judge(
-    scores: Sequence[Score],
+    scores: DataFrame,
     chosen: str,
     *,
     tolerance: Mapping[str, float] | None = None,
-    comparisons: Sequence[Comparison] = (),
+    comparisons: DataFrame | None = None,
     advice: Advice | None = None,
     objections: Sequence[str] = (),
     doubts: Sequence[str] = (),
@@ -57,15 +58,16 @@ def judge(
 
     Parameters
     ----------
-    scores : sequence of Score
-        Rows of all estimators, simplest first; those of `chosen` and of the fixed offset are
-        needed.
+    scores : DataFrame
+        ``"rmse"`` and ``"unit"`` by ``"joint"`` and ``"estimator"``, simplest first; those of
+        `chosen` and of the fixed offset are needed.
     chosen : str
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint. A joint without one must beat
         the raw position and the fixed offset, and no simpler model may beat it.
-    comparisons : sequence of Comparison
-        Of the chosen model with others; where there is none, the RMSE alone decides.
+    comparisons : DataFrame, optional
+        Of the chosen model with others, see `Evaluation.comparisons`; where there is none, the RMSE
+        alone decides.
     advice : Advice, optional
         Which estimator belongs on the robot: see `advise`.
     objections, doubts : sequence of str
@@ -83,17 +85,18 @@ def judge(
     >>> judge(evaluation.scores, "linear", tolerance={"jaw": 1e-6}).level
     'fail'
     """
-    joints = list(dict.fromkeys(row.joint for row in scores))
-    estimators = list(dict.fromkeys(row.estimator for row in scores))
+    scores = scores[scores["joint"] != TOOL]
+    joints, estimators = (scores[key].unique().tolist() for key in ("joint", "estimator"))
     if chosen not in estimators:
         raise CalibrationError(f"the verdict: {unknown('score', chosen, estimators)}")
     limits = _checked_tolerance(tolerance or {}, joints)
-    outcomes = {(c.estimator, c.joint): c.outcome for c in comparisons}
+    compared = [] if comparisons is None else list(each(comparisons))
+    outcomes = {(c.estimator, c.joint): c.outcome for c in compared}
     last = BASELINES.index(chosen) if chosen in BASELINES else len(BASELINES)
     simpler = [name for name in estimators if name in BASELINES[:last]]
     verdicts = []
     for joint in joints:
-        rows = {row.estimator: row for row in scores if row.joint == joint}
+        rows = {row.estimator: row for row in each(scores[scores["joint"] == joint])}
         row, others = rows[chosen], [rows[name] for name in simpler if name in rows]
         if joint in limits:
             passed = row.rmse <= limits[joint]
@@ -104,7 +107,7 @@ def judge(
     advice = None if objections else advice
     deploy = advice.deploy if advice else ""
     sentence = advice.text if advice else ""
-    reservations = list(_alike(verdicts, comparisons))
+    reservations = list(_alike(verdicts, compared))
     if deploy not in ("", chosen) and not all(verdict.stated for verdict in verdicts):
         reservations.append(sentence)
     return Verdict(
@@ -120,11 +123,11 @@ def judge(
 
 
 def _beside_simpler(
-    row: Score, others: Sequence[Score], outcomes: Mapping[tuple[str, str], Outcome]
+    row: Any, others: Sequence[Any], outcomes: Mapping[tuple[str, str], Outcome]
 ) -> JointVerdict:
     """Hold a joint to raw position and fixed offset, and to what simpler models reach."""
 
-    def outcome(other: Score) -> Outcome:
+    def outcome(other: Any) -> Outcome:
         plain: Outcome = "better" if row.rmse < other.rmse else "worse"
         return outcomes.get((other.estimator, other.joint), plain)
 
@@ -139,7 +142,7 @@ def _beside_simpler(
     )
 
 
-def _alike(verdicts: Sequence[JointVerdict], comparisons: Sequence[Comparison]) -> Iterator[str]:
+def _alike(verdicts: Sequence[JointVerdict], comparisons: Sequence[Any]) -> Iterator[str]:
     """Tell where the chosen model cannot be told from a simpler one, and by how much data."""
     for name in dict.fromkeys(verdict.alike for verdict in verdicts if verdict.alike):
         joints = [verdict.joint for verdict in verdicts if verdict.alike == name]
@@ -297,7 +300,7 @@ class Advice:
 
     Examples
     --------
-    >>> advise(evaluation.traces, "linear").stretches  # of four seconds
+    >>> advise(evaluation.errors, evaluation.rows, "linear").stretches  # of four seconds
     4
     """
 
@@ -308,7 +311,8 @@ class Advice:
 
 
 def advise(
-    traces: Sequence[Trace],
+    errors: DataFrame,
+    rows: DataFrame,
     chosen: str = "",
     *,
     plain: Collection[str] = PLAIN,
@@ -327,8 +331,8 @@ def advise(
 
     Parameters
     ----------
-    traces : sequence of Trace
-        Of one or more evaluations of the same estimators.
+    errors, rows : DataFrame
+        Those of an `Evaluation`, or of several of the same estimators one after the other.
     chosen : str
         Estimator that is in use; empty for none.
     plain : collection of str
@@ -339,35 +343,35 @@ def advise(
     Raises
     ------
     CalibrationError
-        If there are no traces.
+        If there are no rows.
 
     Examples
     --------
-    >>> advise(evaluation.traces).text
+    >>> advise(evaluation.errors, evaluation.rows).text
     'It cannot be told which of these models to deploy: ...'
     """
-    if not traces:
-        raise CalibrationError("there is no evaluation to choose by; give the traces of one")
-    rows = [trace.inside for trace in traces]
-    if sum(map(np.sum, rows)) < 2:
-        rows = [np.ones(len(trace.t), dtype=bool) for trace in traces]
-    errors = {
-        name: [trace.error(name)[row] for trace, row in zip(traces, rows, strict=True)]
-        for name in traces[0].estimates
-    }
-    scale = np.sqrt(np.mean(np.concatenate(errors[OFFSET]) ** 2, axis=0))
+    if not isinstance(rows, DataFrame) or rows.empty:
+        raise CalibrationError("there is no evaluation to choose by; give its `errors` and `rows`")
+    counted = rows["inside"].to_numpy()
+    if counted.sum() < 2:
+        counted = np.ones(len(rows), dtype=bool)
+    moves = rows["direction"][counted]
+    parts = by_recording(moves.index)
+    own = errors[counted]
+    whole = {name: own[name][moves.columns].to_numpy() for name in own.columns.unique(0)}
+    scale = np.sqrt(np.mean(whole[OFFSET] ** 2, axis=0))
     scale[scale == 0.0] = 1.0
-    errors = {name: [error / scale for error in parts] for name, parts in errors.items()}
-    size = {name: sum(float(np.sum(e**2)) for e in parts) for name, parts in errors.items()}
-    least = cycle_rows([trace.direction[row] for trace, row in zip(traces, rows, strict=True)])
-    closest = sorted(errors, key=size.__getitem__)
+    scaled = {name: [error[part] / scale for part in parts] for name, error in whole.items()}
+    size = {name: sum(float(np.sum(e**2)) for e in split) for name, split in scaled.items()}
+    least = cycle_rows([moves.to_numpy()[part] for part in parts])
+    closest = sorted(scaled, key=size.__getitem__)
     good = [
         name
         for name in closest
-        if all(_is_within(errors[name], errors[other], least) for other in closest if other != name)
+        if all(_is_within(scaled[name], scaled[other], least) for other in closest if other != name)
     ]
-    first = errors[closest[0]]
-    differences = [compare(errors[name], _enlarged(first), least) for name in closest[1:]]
+    first = scaled[closest[0]]
+    differences = [compare(scaled[name], _enlarged(first), least) for name in closest[1:]]
     rivals = [n for n, d in zip(closest[1:], differences, strict=True) if d.outcome != "worse"]
     plainest = sorted(good, key=lambda name: (name not in plain, name != chosen))  # stable
     found = Advice(
@@ -414,22 +418,21 @@ def _advice_text(advice: Advice, chosen: str, *, automatic: bool) -> str:
         return f"Deploy none of these models, but the raw position: {why}{other}."
     if advice.deploy == chosen:
         return f"Keep {estimator_phrase(chosen)}: {why}{other}."
-    how = f" (truejoint calibrate -e {advice.deploy})" if advice.deploy in BASELINES else ""
+    how = f" (`truejoint calibrate -e {advice.deploy}`)" if advice.deploy in BASELINES else ""
     instead = " instead" if chosen else ""
     return f"Deploy {estimator_phrase(advice.deploy)}{instead}{how}: {why}{other}."
 
 
-def rezero_remark(
-    verdict: Verdict, rezeroed: Mapping[str, Score], as_they_come: Array, duration: float
-) -> Verdict:
+def rezero_remark(verdict: Verdict, as_they_come: Array, duration: float) -> Verdict:
     """Say what re-zeroing is worth: RMSE without it (n_joints,), by the fit for that, beside it."""
     better: list[str] = []
     worse: list[str] = []
-    for (joint, score), plain in zip(rezeroed.items(), as_they_come.tolist(), strict=True):
-        unit = display_unit(score.unit)
-        before, after = shown([plain * unit.scale, score.rmse * unit.scale])
-        harms = score.rmse > plain
-        (worse if harms else better).append(f"{joint} {after} {unit.name} instead of {before}")
+    for joint, plain in zip(verdict.joints, as_they_come.tolist(), strict=True):
+        unit = display_unit(joint.unit)
+        before, after = shown([plain * unit.scale, joint.rmse * unit.scale])
+        harms = joint.rmse > plain
+        text = f"{joint.joint} {after} {unit.name} instead of {before}"
+        (worse if harms else better).append(text)
     start = f"from the first {duration:g} s of each recording"
     remarks = []
     if better:

@@ -90,8 +90,6 @@ class Page:
             gui.add_html(f'<div class="said">{missing}: no arm is drawn.</div>')
         else:
             self._set_stage(self._drawing)
-            look = gui.add_button_group("Look at", ("the arm", "the tool"))
-            look.on_click(lambda event: self._look(event.client, look.value))
         dark = gui.add_checkbox("Dark", initial_value=False)
         dark.on_update(lambda _: self._set_theme(dark=dark.value))
         panel = gui.add_panel()
@@ -164,36 +162,28 @@ class Page:
             cell_thickness=0.6, section_thickness=0.8, shadow_opacity=0.0,
             position=(0.0, 0.0, float(lowest - 0.25 * size)),
         )  # fmt: skip
-        self._views = {
-            "the arm": (middle + size * np.array([0.95, -1.05, 0.45]), middle),
-            "the tool": (points[-1] + size * np.array([0.28, -0.32, 0.1]), points[-1]),
-        }
         # Light without shadows: a control computer may draw without graphics hardware.
         scene.configure_environment_map(None)
         scene.configure_default_lights(enabled=False, cast_shadow=False)
         scene.add_light_ambient("/light/all_round", intensity=0.7)
         scene.add_light_directional("/light/sun", intensity=1.7, position=(0.6, -1.0, 1.5))
         camera = self._server.initial_camera
-        camera.position, camera.look_at = self._views["the arm"]
+        self._view = middle + size * np.array([0.95, -1.05, 0.45]), middle
+        camera.position, camera.look_at = self._view
         camera.near, camera.far = 0.01 * size, 100 * size
         self._server.on_client_connect(self._welcome)
 
     def _welcome(self, client: Any) -> None:
         """Step back for who looks through a narrow window, whose lower half a sheet covers."""
         if client.camera.aspect < _NARROW:
-            self._look(client, "the arm")
-
-    def _look(self, client: Any, at: str) -> None:
-        position, target = self._views[at]
-        if at == "the tool" and "reported" in self._bodies:
-            tool = self._bodies["reported"].tool
-            position, target = position - target + tool, tool
-        if client.camera.aspect < _NARROW:
+            position, target = self._view
             back = 0.9 * (position - target)
             down = np.array([0.0, 0.0, 0.5 * np.linalg.norm(back)])
-            position, target = position + back - down, target - down
-        with client.atomic():
-            client.camera.position, client.camera.look_at = position, target
+            with client.atomic():
+                client.camera.position, client.camera.look_at = (
+                    position + back - down,
+                    target - down,
+                )
 
     def _draw(self, samples: Samples, is_fresh: bool) -> None:
         poses = panels.poses(samples, self._robot) if self._drawing is not None else {}

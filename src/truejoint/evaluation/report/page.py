@@ -6,42 +6,42 @@ import json
 import platform
 import re
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.resources import files
-from itertools import combinations, cycle
+from itertools import combinations, cycle, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import jinja2
 import numpy as np
+from pandas import DataFrame
 
 from truejoint import drawing
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
-from truejoint.evaluation import score_rows as view
+from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.report import figures, plot
 from truejoint.evaluation.results import (
     OFFSET,
     Evaluation,
     as_evaluation,
+    by_recording,
     estimator_phrase,
     estimator_title,
 )
+from truejoint.evaluation.scoring import WINDOW
 from truejoint.files import check_target, write_atomically
-from truejoint.recordings.judge.data_check import DataCheck
-from truejoint.recordings.table.recording import Recording
 from truejoint.units import with_unit
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
     from truejoint.tip import TouchReport
 
-_DATA_URI: Final = "data:text/plain;base64,"
 _POLICY: Final = "script-src 'self'"  # as the template has it
 _SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 _ESCAPED: Final = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u.{4}|\\.")  # what JSON's writer escapes
@@ -52,8 +52,6 @@ def write_report(
     evaluation: Evaluation,
     path: str | Path,
     *,
-    training: Sequence[Recording] = (),
-    checks: Mapping[str, DataCheck] | None = None,
     command: str = "",
     overwrite: bool = False,
 ) -> Path:
@@ -66,10 +64,6 @@ def write_report(
     evaluation : Evaluation
     path : str or Path
         Where to write; written whole or not at all.
-    training : sequence of Recording
-        What the model was fitted on, for the figures of trajectories; may be empty.
-    checks : mapping of str to DataCheck, optional
-        Data checks by name beside that of the test, such as ``"training"``.
     command : str
         Command line that makes this report again.
     overwrite : bool
@@ -85,11 +79,11 @@ def write_report(
 
     Examples
     --------
-    >>> write_report(evaluation, "report.html", training=training).name
+    >>> write_report(evaluation, "report.html").name
     'report.html'
     """
     as_evaluation(evaluation)
-    render = partial(render_report, evaluation, training=training, checks=checks, command=command)
+    render = partial(render_report, evaluation, command=command)
     return write_page(path, render, overwrite=overwrite)
 
 
@@ -111,13 +105,7 @@ def check_name(path: str | Path) -> Path:
     return path
 
 
-def render_report(
-    evaluation: Evaluation,
-    *,
-    training: Sequence[Recording] = (),
-    checks: Mapping[str, DataCheck] | None = None,
-    command: str = "",
-) -> str:
+def render_report(evaluation: Evaluation, *, command: str = "") -> str:
     """Return the page that `write_report` writes.
 
     Examples
@@ -128,8 +116,6 @@ def render_report(
     pair = {n: plot.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
     drawn = {
         "worst": list(figures.worst_stretches(evaluation)),
-        "paths": [figures.trajectories(evaluation, training), *figures.tool_paths(evaluation)],
-        "maps": list(figures.error_maps(evaluation)),
         "time": figures.over_time(evaluation),
         "residuals": list(figures.residuals(evaluation)),
         "loops": [figures.loops(evaluation)],
@@ -138,28 +124,16 @@ def render_report(
     }
     seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
     several = f", {seeds} seeds" if seeds > 1 else ""
-    recordings, tables = view.recording_rows(evaluation), list(view.score_tables(evaluation))
-    used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
-    origins = [trace.provenance for trace in evaluation.traces]
-    tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
     return render_figures(
         "report.html.j2",
         drawn,
         evaluation=evaluation,
         chosen_phrase=estimator_phrase(evaluation.chosen),
-        menu=[evaluation.traces[i].name for i in figures.menu_order(evaluation)],
-        recording_rows=recordings,
-        told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
-        checks={"test": evaluation.check, **(checks or {})},
+        menu=figures.menu_order(evaluation),
+        window=WINDOW,
         facts=facts(evaluation, estimator_title(evaluation.chosen) + several),
         origin=view.origin(evaluation.training),
-        tables=tables,
-        downloads=[
-            (table.name, kind, f"{table.stem}.{kind}", _DATA_URI + b64encode(text).decode())
-            for table in tables
-            for kind, text in (("csv", table.csv().encode()), ("tex", table.latex().encode()))
-        ],
-        sources=used + tested,
+        tables=dict(view.all_scores(evaluation)),
         command=command,
     )
 
@@ -210,13 +184,12 @@ def write_comparison(
 
 
 def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], command: str) -> str:
-    pairs, least = [], cycle_rows([trace.direction for trace in together.traces])
-    for column, joint, _ in together.shown_joints():
-        for names in combinations(alone, 2):
-            own, other = ([t.error(name)[:, column] for t in together.traces] for name in names)
-            difference = compare(own, other, least)
-            cells = [names[0], difference.outcome, names[1], str(difference.stretches)]
-            pairs.append(view.Row(joint, cells))
+    pairs, parts = [], by_recording(together.rows.index)
+    least = cycle_rows([together.known("direction")[part] for part in parts])
+    for joint, names in product(together.joints, combinations(alone, 2)):
+        own, other = ([together.error(name, joint)[part] for part in parts] for name in names)
+        found = compare(own, other, least)
+        pairs.append([joint, names[0], found.outcome, names[1], str(found.stretches)])
     verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}
     objections = [v.text for v in verdicts.values() if v.objections]
     deploy = together.verdict.deploy
@@ -234,7 +207,7 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
         level="fail" if objections else level,
         sentence=objections[0] if objections else together.verdict.advice,
         rule=next(iter(verdicts.values())).rule,
-        pairs=pairs,
+        pairs=DataFrame(pairs, columns=["joint", "model", "is", "than", "stretches"]),
         origins={name: evaluation.training for name, evaluation in alone.items()},
         facts=facts(together, f"{len(alone)} models"),
         command=command,
@@ -275,8 +248,8 @@ def _render_touches(calibration: Calibration, report: TouchReport, command: str)
     for i in np.lexsort((-size, ~report.fit.left_out)):
         why = "rejected: badly seated, or another number?" if report.fit.left_out[i] else ""
         lengths = [1e3 * np.linalg.norm(report.before[i]), 1e3 * size[i]]
-        cells = [why, f"{report.touches.t[i]:.1f}", *(f"{length:.2f}" for length in lengths)]
-        rows.append(view.Row(report.touches.dimple[i], cells))
+        texts = [f"{report.touches.t[i]:.1f}", *(f"{length:.2f}" for length in lengths)]
+        rows.append([report.touches.dimple[i], why, *texts])
     about, left_out = calibration.metadata["touch"], report.fit.left_out
     before, after = (
         with_unit(float(np.sqrt((errors[~left_out] ** 2).sum(axis=1).mean())), "m")
@@ -300,7 +273,7 @@ def _render_touches(calibration: Calibration, report: TouchReport, command: str)
         level="warn" if report.not_seen or left_out.any() else "pass",
         facts=facts_line,
         not_seen=report.not_seen,
-        rows=rows,
+        rows=DataFrame(rows, columns=["point", "", "at [s]", "before [mm]", "left out [mm]"]),
         source=report.touches.source,
         command=command,
     )
@@ -359,12 +332,10 @@ def script_json(value: Any) -> str:
 
 def facts(evaluation: Evaluation, what: str) -> list[str]:
     """Provenance in a line: `what` was trained, on what it was tested, and when."""
-    rows = sum(len(trace.t) for trace in evaluation.traces)
-    seconds = sum(float(trace.t[-1] - trace.t[0]) for trace in evaluation.traces)
-    count = len(evaluation.traces)
+    seconds, count = evaluation.rows["t"].groupby(level=0).agg(np.ptp).sum(), len(evaluation.test)
     return [
         what,
-        f"tested on {rows:,} rows, {view.duration(seconds)}, "
+        f"tested on {len(evaluation.rows):,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
         _now(),
         f"truejoint {version('truejoint')}",

@@ -22,15 +22,13 @@ Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis`
 
 GRID: Final = "#e6e8eb"
 PAPER: Final = "#ffffff"
-WALL: Final = "#fafbfc"  # behind curves in space
-WALL_GRID: Final = "#d5d8dc"
 ZERO: Final = "#c4c9cf"
 BAND: Final = "rgba(0,114,178,0.17)"
 
 DARK: Final = {
     INK: "#e6edf3", BLUE: "#58a6e0", ORANGE: "#f0883e", GREEN: "#3fbf92", PURPLE: "#d07fd0",
-    SKY: "#8fd0f5", GREY: "#7d8590", GRID: "#2b3138", PAPER: "#0f1419", WALL: "#161b22",
-    WALL_GRID: "#373e47", ZERO: "#4b535d", BAND: "rgba(88,166,224,0.25)",
+    SKY: "#8fd0f5", GREY: "#7d8590", GRID: "#2b3138", PAPER: "#0f1419", ZERO: "#4b535d",
+    BAND: "rgba(88,166,224,0.25)",
 }  # fmt: skip
 """What each colour of a figure becomes where the reader prefers dark pages."""
 
@@ -99,8 +97,9 @@ def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec
 
 
 def path(parts: Sequence[Array], most: int, name: str, colour: str, **options: Any) -> Spec:
-    """Draw curves (n, 2) as one line that is broken between them; see `joined`."""
-    x, y = joined(parts, most).T
+    """Draw curves (n, 2) as one line, broken between them, thinned to about `most` rows."""
+    most = max(2, most // len(parts))
+    x, y = broken(part[every(len(part), most)] for part in parts).T
     return curve(x, y, name, colour, hoverinfo="skip", **options)
 
 
@@ -181,12 +180,6 @@ def outline(t: Array, low: Array, high: Array, pieces: Integers) -> tuple[Array,
 def broken(parts: Iterable[Array]) -> Array:
     """Curves (n,) or (n, k) one after another, with a NaN row after each."""
     return np.concatenate([p for part in parts for p in (part, np.full_like(part[:1], np.nan))])
-
-
-def joined(parts: Sequence[Array], most: int) -> Array:
-    """Curves (n, k) broken one from the other, evenly thinned to about `most` rows."""
-    most = max(2, most // len(parts))
-    return broken(part[every(len(part), most)] for part in parts)
 
 
 def extreme_rows(values: Array, buckets: int) -> Integers:

@@ -1,8 +1,6 @@
 "use strict";
 (() => {
   const { figures, dark } = JSON.parse(document.getElementById("figures").textContent);
-  const canvas = document.createElement("canvas");
-  const hasWebGL = Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
   const darkScreen = matchMedia("(prefers-color-scheme: dark)");
   const PAPER = { wide: 900, half: 440 }; // widths of figures in print, as in the style sheet [px]
   const NARROWEST = 210; // of a panel that stands beside others [px]
@@ -31,29 +29,6 @@
     return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, inDark(item)]));
   };
 
-  /** Projections of curves in space on the three planes. */
-  const flattened = ({ data, layout }) => {
-    const flat = { ...layout, height: 340 };
-    delete flat.scene;
-    const traces = [["x", "y"], ["x", "z"], ["y", "z"]].flatMap(([a, b], index) => {
-      const number = index ? String(index + 1) : "";
-      const [xaxis, yaxis] = [`x${number}`, `y${number}`];
-      const axis = { gridcolor: layout.scene.xaxis.gridcolor, automargin: true, nticks: 5 };
-      flat[`xaxis${number}`] = { ...axis, title: layout.scene[`${a}axis`].title, anchor: yaxis,
-        domain: [0.34 * index, 0.34 * index + 0.22] };
-      flat[`yaxis${number}`] = { ...axis, title: layout.scene[`${b}axis`].title, anchor: xaxis };
-      return data.map(({ z, ...trace }) => {
-        const places = { x: trace.x, y: trace.y, z };
-        const flatter = { ...trace, type: "scatter", x: places[a], y: places[b], xaxis, yaxis,
-          showlegend: index === 0 && trace.showlegend !== false, legendgroup: group(trace) };
-        if (trace.marker) flatter.marker = { ...trace.marker, showscale: index === 2, size: 3 };
-        return flatter;
-      });
-    });
-    flat.margin = { l: 56, r: 12, t: 8, b: 44 };
-    return { data: traces, layout: flat };
-  };
-
   /** Panels one above the other where they are too narrow side by side; colour bars beside theirs. */
   const arranged = ({ data, layout }, width) => {
     const fitted = { ...layout };
@@ -67,8 +42,7 @@
         const y = layout[`yaxis${number}`];
         const title = y.title && y.title.text ? y.title : left;
         const top = 1 - index * row;
-        const full = data.some((trace) => trace.meta) ? 0.8 : 1; // beside it stands a colour bar
-        fitted[`xaxis${number}`] = { ...layout[`xaxis${number}`], domain: [0, full] };
+        fitted[`xaxis${number}`] = { ...layout[`xaxis${number}`], domain: [0, 1] };
         fitted[`yaxis${number}`] = { ...y, title, showticklabels: true, domain: [top - row + gap, top] };
       });
       fitted.height = ROW * numbers.length + 40;
@@ -79,10 +53,6 @@
       const y = fitted[trace.yaxis.replace("y", "yaxis")].domain || [0, 1];
       const colorbar = { ...trace.marker.colorbar, x: x[1] + 0.005, y: (y[0] + y[1]) / 2, len: 0.95 * (y[1] - y[0]) };
       const marker = { ...trace.marker, colorbar };
-      if (trace.meta) { // squares of a map meet, and do not overlap
-        const [wide, high] = [(width - 80) * (x[1] - x[0]), (fitted.height - 60) * (y[1] - y[0])];
-        marker.size = 0.92 * Math.min(wide, high) / trace.meta.cells;
-      }
       return { ...trace, marker };
     });
     return { data: bars, layout: fitted };
@@ -93,7 +63,7 @@
 
   /** Dots as a PDF takes them, a fortieth of the size: of one colour in one path, coloured ones fewer. */
   const onPaper = (trace) => {
-    if (trace.mode !== "markers" || trace.meta || trace.text || !trace.x.bdata) return trace;
+    if (trace.mode !== "markers" || trace.text || !trace.x.bdata) return trace;
     const [places, { marker }] = [{ x: numbers(trace.x), y: numbers(trace.y) }, trace];
     if (typeof marker.color === "string") {
       const [x, y] = [places.x, places.y].map((values) => values.flatMap((value) => [value, value, null]));
@@ -109,15 +79,9 @@
   const draw = (figure) => {
     const element = place(figure);
     let spec = figure.variants[chosen.get(figure.key)];
-    const inSpace = Boolean(spec.layout.scene);
-    if (inSpace && (printing || !hasWebGL)) spec = flattened(spec);
     const width = printing ? PAPER[element.parentElement.className] : element.clientWidth;
     spec = arranged(spec, width);
     if (printing) spec = { ...spec, data: spec.data.map(onPaper) };
-    if (spec.layout.scene) { // a cube is as wide as it is high
-      const height = Math.min(spec.layout.height, Math.max(width, 300));
-      spec = { ...spec, layout: { ...spec.layout, height } };
-    }
     if (!printing && darkScreen.matches) spec = inDark(spec);
     const off = hidden.get(figure.key) || new Map();
     const data = spec.data.map((trace) =>
