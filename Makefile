@@ -47,7 +47,7 @@ audit: $(VENV)/.installed-audit ## Look the pinned packages up among known vulne
 
 COMPILE := uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11
 # All extras but torch, whose builds differ from machine to machine; its tests skip without it.
-EXTRAS := $(foreach extra,cluster gamepad monitor onnx plots ros ros2 serial urdf,--extra $(extra))
+EXTRAS := $(foreach extra,cluster monitor onnx plots ros ros2 serial urdf,--extra $(extra))
 LOCK := $(COMPILE) pyproject.toml --group build
 lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fits stays)
 	$(LOCK) --extra plots -o requirements.txt

@@ -99,7 +99,6 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.motion.zigzag("raven2"), "get_robot(name) gives one"),
         (lambda model: truejoint.motion.zigzag(RAVEN, "J2", "1/4"), "sparsity '1/4'"),
         (lambda model: truejoint.motion.random_motion(RAVEN, 10.0, 1.5), "a whole number"),
-        (lambda model: truejoint.motion.legs(WAY, RAVEN, 0.0), "0.001 s or more"),
         (lambda model: truejoint.motion.plot_trajectory([], "way.html"), "not a Trajectory"),
         (lambda model: truejoint.motion.write_trajectory("way.csv", WAY), "not a Trajectory"),
         (

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, expected_gain
+from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RobotError
 from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
@@ -260,40 +260,3 @@ def test_counted_samples_need_one_rate(build):
 
 
 JAW = ("measured/jaw", "effort/jaw")
-
-
-def jumps(seed, rows, curve=0.0, noise=0.01):
-    """A jaw that jumps about, and the truth with white noise and a curve."""
-    random = np.random.default_rng(seed)
-    jaw, effort = random.uniform(-1.0, 1.0, (2, rows))
-    truth = 1.02 * jaw + 0.05 * effort + curve * jaw**2 + noise * random.standard_normal(rows)
-    columns = {"t": np.arange(rows) / 50.0, "measured/jaw": jaw, "effort/jaw": effort}
-    return Recording.from_columns({**columns, "truth/jaw": truth}, "davinci_grasper")
-
-
-def test_expected_gain_is_what_twice_the_data_give():
-    """Least squares with 3 coefficients: the error is noise times sqrt(1 + 3 / n)."""
-    found = [expected_gain(jumps(seed, 100), features=JAW)[0] for seed in range(4)]
-    exact = 1.0 - np.sqrt((1.0 + 3.0 / 200.0) / (1.0 + 3.0 / 100.0))
-    assert np.mean(found) == pytest.approx(exact, rel=0.5)
-    test = jumps(99, 2000, noise=0.0)
-    won = []
-    for seed in range(4):
-        model, again = (calibrate(jumps(seed, n), "linear", features=JAW) for n in (100, 200))
-        squares = [
-            np.mean((test.column("truth/jaw") - m.correct(test)[:, 0]) ** 2) for m in (model, again)
-        ]
-        won.append(squares)
-    before, after = np.sqrt(1e-4 + np.mean(won, axis=0))
-    assert np.mean(found) == pytest.approx(1.0 - after / before, rel=0.7)
-
-
-def test_what_no_data_can_better_does_not_count():
-    straight = expected_gain(jumps(1, 300, noise=1e-4), features=JAW)
-    curved = expected_gain(jumps(1, 300, curve=0.2, noise=1e-4), features=JAW)
-    assert curved.shape == (1,)
-    assert (straight < 0.02).all()
-    assert (curved < 0.02).all()
-    assert expected_gain(jumps(1, 60), features=JAW)[0] > 3 * straight[0] / 2
-    with pytest.raises(CalibrationError, match="rows"):
-        expected_gain(jumps(1, 20), features=JAW)

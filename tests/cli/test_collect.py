@@ -7,11 +7,7 @@ import pytest
 
 from truejoint.crtk import SimulatedBackend, TruthBlock
 from truejoint.motion import Trajectory, read_trajectory, write_trajectory
-from truejoint.recordings import (
-    joint_encoders,
-    read_parquet,
-    read_recording,
-)
+from truejoint.recordings import joint_encoders, read_parquet, read_recording
 
 SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
@@ -156,16 +152,3 @@ def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, m
     recording = read_parquet(tmp_path / "short.parquet")
     assert recording.joints_of("truth") == ("elbow",)
     assert np.nanmax(recording.column("truth/elbow")) == 1.25
-
-
-@pytest.mark.parametrize("robot", ["raven2", "forceps"])  # the second measures no efforts
-def test_it_ends_when_more_would_not_pay(call, tmp_path, monkeypatch, robot):
-    path = tmp_path / "long.csv"
-    assert call("trajectory", "designed", "--robot", robot, "--minutes", 1.8, "-o", path).code == 0
-    monkeypatch.setattr("truejoint.calibration.ENOUGH", 0.9)
-    result = call("collect", path, "--robot", robot, "-o", tmp_path, "--until-enough")
-    assert result.code == 0, result.err
-    assert "Enough after 1." in result.err
-    recording = read_parquet(tmp_path / "long.parquet")
-    assert 60.0 < recording.duration < 100.0
-    assert recording.provenance.notes == ""

@@ -1,4 +1,4 @@
-"""Tests of `truejoint node`: what is refused before a ROS is needed, and parameters from a file."""
+"""Tests of `truejoint node`: what is refused before a ROS is needed."""
 
 import pytest
 
@@ -27,16 +27,3 @@ def test_without_ros_it_says_what_to_install(call, no_ros, tmp_path):
     assert "live ROS 1 needs rospy" in told.err
     assert "install python3-rospy" in told.err
     assert "Traceback" not in told.err
-
-
-def test_parameters_come_from_a_file_and_unknown_ones_are_refused(call, no_ros, tmp_path):
-    file = tmp_path / "node.toml"
-    file.write_text('robot = "raven3"\n')
-    told = call("node", "simulate", "--parameters", file)
-    assert "raven3" in told.err  # the file was taken
-    told = call("node", "simulate", "--parameters", file, "--robot", "raven2")
-    assert "rospy" in told.err  # the command line goes before it
-    file.write_text("rate = 5\n")
-    told = call("node", "simulate", "--parameters", file)
-    assert told.code == 2
-    assert "no parameter called 'rate'" in told.err

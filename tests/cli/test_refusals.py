@@ -96,8 +96,8 @@ AT_ONCE = {
         ("random.parquet --to bag --compensate -o x.bag", "leave other options out"),
         ("m.st --to c --profile raven2 -o c", "are for --to bag"),
         ("m.st -o c", "Missing option"),
-        ("m.st -o c --to rust", "'rust' is not one of"),
         ("m.st -o c --to onnx --compensate", "works only with --to c"),
+        ("m.st -o c --to rust", "'rust' is not one of"),
     ],
     "collect jaw.csv -o new --robot forceps": [
         ("--robot kflex", "no digital twin of 'kflex'"),
@@ -140,12 +140,6 @@ AT_ONCE = {
     ],
     "teleop": [
         ("--robot forceps", "teleop reads keys from a terminal"),
-        ("--keys none.csv", "none.csv: cannot be read"),
-        ("--keys empty.csv", "is no file of keys"),
-        ("--keys falls.csv", "line 3 is '0.4,1,press'"),
-        ("--keys long.csv", "line 2"),
-        ("--keys short.csv", "line 2"),
-        ("--keys falls.csv --gamepad", "--gamepad and --keys: give one of the two"),
     ],
     "doctor run.parquet": [
         ("--seconds 3", "--seconds and --ros are for `truejoint doctor live`"),

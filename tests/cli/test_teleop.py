@@ -68,9 +68,9 @@ def terminal():
         os.close(one.theirs)
 
 
-def test_keys_move_the_arm_and_can_be_replayed(terminal, tmp_path, call):
-    recorded, keys = tmp_path / "jaw.parquet", tmp_path / "keys.csv"
-    by_hand = terminal("--record", recorded, "--save-keys", keys)
+def test_keys_move_the_arm(terminal, tmp_path):
+    recorded = tmp_path / "jaw.parquet"
+    by_hand = terminal("--record", recorded)
     by_hand.until("pause and leave")
     by_hand.type("+")
     for _ in range(3):
@@ -81,10 +81,6 @@ def test_keys_move_the_arm_and_can_be_replayed(terminal, tmp_path, call):
     assert "the arm is PAUSED" in by_hand.shown
     moved = read_parquet(recorded).column("setpoint/jaw")
     assert moved[-1] > moved[0] + 1e-3
-    assert keys.read_text().splitlines()[0] == "t_s,key,event"
-    replayed = call("teleop", "--robot", "forceps", "--keys", keys)
-    assert replayed.code == 0, replayed.err
-    assert "the arm is PAUSED" in replayed.out
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from truejoint.crtk import Arm, StateBlock, TruthBlock
+from truejoint.crtk.arm import joint_efforts
 from truejoint.errors import CommandRefused
+from truejoint.robots import get_robot
 
 LAG = 0.02  # of the lagging back end [s]
 
@@ -189,52 +191,7 @@ def test_tool_pose_is_in_the_frame_of_the_topics(lagging_arm):
     assert pose[3] == pytest.approx([0, 0, 0, 1])
 
 
-def test_who_watches_hears_of_every_state(lagging_arm):
-    heard = []
-    lagging_arm.watch(heard.append)
-    lagging_arm.move_jr(np.full(7, 1e-3)).wait()
-    lagging_arm.pause()
-    lagging_arm.unwatch(heard.append)
-    lagging_arm.unwatch(heard.append)  # once more does nothing
-    lagging_arm.resume()
-    assert [(now.state, now.is_busy) for now in heard] == [
-        ("ENABLED", True), ("ENABLED", False), ("PAUSED", False),
-    ]  # fmt: skip
-
-
-def test_who_watches_hears_of_no_single_set_points(lagging_arm):
-    heard = []
-    lagging_arm.watch(heard.append)
-    for _ in range(5):
-        lagging_arm.servo_jr(np.full(7, 1e-5))
-    assert heard == []
-
-
-def test_a_robot_that_falls_silent_is_told_to_nobody(lagging_arm, lagging_backend, monkeypatch):
-    heard, told = [], lagging_backend.operating_state
-    lagging_arm.watch(heard.append)
-
-    def silent():
-        if heard:  # from when the motion has begun
-            raise CommandRefused("silent")
-        return told()
-
-    monkeypatch.setattr(lagging_backend, "operating_state", silent)
-    with pytest.raises(CommandRefused, match="silent"):
-        lagging_arm.move_jr(np.full(7, 1e-3)).wait()
-    monkeypatch.undo()
-    assert [now.is_busy for now in heard] == [True]
-    assert not lagging_arm.operating_state().is_busy
-
-
-def test_who_watches_hears_of_a_command_that_fails(lagging_arm, lagging_backend, monkeypatch):
-    heard = []
-    lagging_arm.watch(heard.append)
-
-    def fails(command, timeout):
-        raise CommandRefused("not done")
-
-    monkeypatch.setattr(lagging_backend, "state_command", fails)
-    with pytest.raises(CommandRefused, match="not done"):
-        lagging_arm.home()
-    assert len(heard) == 1
+def test_a_robot_that_states_no_effort_has_none():
+    rows = np.zeros((2, 1))
+    block = StateBlock(np.arange(2.0), ("jaw",), rows, rows, rows[:, :0], rows, rows, rows)
+    assert joint_efforts(get_robot("forceps"), block).shape == (2, 0)

@@ -126,3 +126,16 @@ def test_the_effort_is_that_on_the_joints():
     turned = transmission.motor_from_joint(small) / np.array(transmission.gear)
     assert np.abs(capstan).max() > 1e-3
     assert arm.measured_js().effort @ small == pytest.approx(capstan @ turned)
+
+
+def test_a_pose_in_parts_is_the_pose(lagging_arm):
+    pose = lagging_arm.measured_cp()
+    place, (x, y, z, w) = cartesian.place_and_turn(pose)
+    assert place.tolist() == pose[:3, 3].tolist()
+    # The matrix of a unit quaternion, written out.
+    matrix = [
+        [1 - 2 * (y**2 + z**2), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x**2 + z**2), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x**2 + y**2)],
+    ]
+    assert np.array(matrix) == pytest.approx(pose[:3, :3], abs=1e-9)

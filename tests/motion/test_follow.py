@@ -1,6 +1,5 @@
 """Tests of truejoint.motion.follow: against a known lag, and on the digital twin."""
 
-import itertools
 import sys
 import threading
 import time
@@ -14,7 +13,6 @@ from truejoint.errors import CommandRefused, MotionStopped, RobotError, Trajecto
 from truejoint.motion import (
     Trajectory,
     follow,
-    legs,
     nominal_duration,
     random_motion,
     workspace_of,
@@ -99,21 +97,8 @@ def test_set_points_keep_caps_and_acceleration(lagging_arm, lagging_backend):
     caps = SPACE.speed * 0.5
     assert (np.abs(speed) <= caps + 1e-8).all()
     assert (np.abs(np.diff(speed, axis=0)) * 1e3 <= 8 * caps + 1e-4).all()
-    assert report.kept_caps
-    assert report.speed_caps == pytest.approx(caps)
-    assert report.setpoint_speed == pytest.approx(np.abs(speed).max(axis=0), rel=1e-6)
-    assert report.setpoint_speed.max() <= (caps * (1 + 1e-6)).max()
     nominal = nominal_duration(path, lagging_arm.robot)
     assert report.duration - 0.25 == pytest.approx(2.0 * (nominal - 0.25))
-
-
-def test_kept_caps_tells_when_they_were_not(lagging_arm):
-    report = follow(lagging_arm, STROKE)
-    values = {name: getattr(report, name) for name in report.__dataclass_fields__}
-    faster = type(report)(**values | {"setpoint_speed": report.speed_caps * 1.01})
-    assert report.kept_caps
-    assert not faster.kept_caps
-    assert faster.to_dict()["kept_caps"] is False
 
 
 def test_the_path_is_passed_from_end_to_end(lagging_arm, lagging_backend):
@@ -292,21 +277,7 @@ def test_on_the_twin_the_same_seed_gives_the_same_report():
     # It follows within a degree and a millimetre, as a PD loop at these speeds does.
     assert (first.max < [np.deg2rad(1.0), np.deg2rad(1.0), 1e-3]).all()
     assert (first.rms > 0.0).all()
-    assert first.kept_caps
-    assert (first.max_speed <= first.speed_caps * 1.3).all()
-
-
-def test_legs_are_the_trajectory_in_pieces():
-    robot = get_robot("raven2")
-    for whole in (random_motion(robot, 100.0, 1), zigzag(robot, "J2", 1 / 2)):
-        pieces = legs(whole, robot, 30.0)
-        assert len(pieces) > 2
-        for before, after in itertools.pairwise(pieces):
-            np.testing.assert_array_equal(before.positions[-1], after.positions[0])
-            assert before.times[-1] == after.times[0]
-            assert before.times[-1] - before.times[0] > 10.0
-        joined = np.vstack([piece.positions[:-1] for piece in pieces[:-1]] + [pieces[-1].positions])
-        np.testing.assert_array_equal(joined, whole.positions)
+    assert (first.max_speed <= SPACE.speed * 1.3).all()
 
 
 def test_a_pause_counts_for_nothing_in_the_tracking_error(lagging_arm, monkeypatch):

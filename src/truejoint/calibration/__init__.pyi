@@ -3,9 +3,7 @@ from .calibration import Calibration as Calibration
 from .choose import Automatic as Automatic
 from .conformal import cross_interval as cross_interval
 from .conformal import with_interval as with_interval
-from .fit import ENOUGH as ENOUGH
 from .fit import calibrate as calibrate
-from .fit import expected_gain as expected_gain
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
 from .model_file import read_calibration as read_calibration

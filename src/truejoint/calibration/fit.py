@@ -14,7 +14,6 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, Fit
 from truejoint.calibration.choose import (
     FITTED_ROWS,
@@ -34,7 +33,7 @@ from truejoint.calibration.fit_task import (
     stride_of,
     within,
 )
-from truejoint.calibration.folds import FEW, FOLDS, Fold, blocks, dealt, folds, wholes, without
+from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
 from truejoint.calibration.redundancy import fit_parity_equations
 from truejoint.calibration.rows import Rows
@@ -46,9 +45,6 @@ from truejoint.estimators.wrapped import Regressor
 from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
-
-ENOUGH: Final = 0.05
-"""Share of its error below which a calibration is hardly bettered: see `expected_gain`."""
 
 _CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
 _ZEROS_SHARE: Final = 0.2  # and of judging zeros then
@@ -335,47 +331,3 @@ def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
         "data_sha256": digest.hexdigest(),
     }
     return Origin(sessions=tuple(sessions), homing_ids=tuple(homing_ids)), facts
-
-
-def expected_gain(
-    recordings: Recording | Sequence[Recording], estimator: str | Regressor = "linear", **how: Any
-) -> Array:
-    """Share (n_joints,) of its RMS error that a calibration would lose by twice the data.
-
-    Each of five blocks of time is left out of one fit. How far the fits' predictions differ from
-    that of the whole gives the variance of the whole's (delete-a-group jackknife: Efron and Stein,
-    The Annals of Statistics 9(3), 1981), which twice the data would halve; their errors on what
-    they left out give the error that it is a part of. Below `ENOUGH` more of the same hardly pays.
-
-    Parameters
-    ----------
-    recordings : Recording or sequence of Recording
-    estimator : str or Regressor
-    **how
-        As `calibrate` takes it, which raises what is raised: features, joints.
-
-    Examples
-    --------
-    >>> bool(expected_gain(training)[0] < 0.05)
-    True
-    """
-    recordings = as_recordings(recordings)
-    how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
-    whole = calibrate(recordings, estimator, **how)
-    rows = list(map(whole.rows, recordings))
-    predicted = list(map(whole.correct, rows))
-    parts = blocks(recordings, FOLDS)
-    left_out = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
-    differences, errors = [], []
-    fits = cross_fit(whole, recordings, left_out, fit_rate=how.get("fit_rate"))
-    for fit, fold in zip(fits, left_out, strict=True):
-        again = list(map(fit.correct, rows))
-        squares = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
-        differences.append(np.concatenate(squares).mean(axis=0))
-        for part in fold.parts:
-            error = (rows[part.recording].truth - again[part.recording])[part.first : part.end]
-            errors.append(error[np.isfinite(error).all(axis=1)] ** 2)
-    variance = (len(fits) - 1) / len(fits) * np.sum(differences, axis=0)
-    square = np.concatenate(errors).mean(axis=0)
-    gain = np.divide(variance / 2.0, square, out=np.zeros_like(square), where=square > 0.0)
-    return np.asarray(1.0 - np.sqrt(1.0 - np.minimum(gain, 1.0)))

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,13 +19,10 @@ from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 
 if TYPE_CHECKING:
-    from truejoint.motion.follow import Steering
     from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.recordings.recorder import TruthSource
 
 _REZERO: Final = 10.0  # of random motion [s]
-_LEG: Final = 30.0  # [s], after which it is asked whether that is enough
-_SEEN: Final = ("measured", "effort")  # by the calibration that is asked, where a robot has it
 
 
 def record(
@@ -36,54 +31,24 @@ def record(
     target: Path,
     *,
     label: str = "",
-    steering: Steering | None = None,
-    until_enough: bool = False,
+    steering: truejoint.runtime.Compensator | None = None,
     **how: Any,
 ) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, `how` as `Recorder` takes it.
 
-    Shows progress; gives the recording, and how the trajectory was kept. With `until_enough`, only
-    as far as a linear calibration is expected to gain by twice the time. Whatever stops the motion,
+    Shows progress; gives the recording, and how the trajectory was kept. Whatever stops the motion,
     what was recorded until then is kept, under a name of its own.
     """
     how |= {"session": trajectory.name, "command": command_line()}
     recorder = truejoint.recordings.Recorder(arm, path=target, **how)
-    follow: Any = truejoint.motion.follow
-    if until_enough:
-        follow = partial(_follow_until_enough, recorder)
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
-            report = follow(arm, trajectory, progress=done, steering=steering)
+            report = truejoint.motion.follow(arm, trajectory, progress=done, steering=steering)
     except BaseException:
         if recorder.written is not None:
             say(f"stopped; what was recorded until then is in {recorder.written}")
         raise
     return recorder.recording(str(target)), report
-
-
-def _follow_until_enough(
-    recorder: truejoint.recordings.Recorder,
-    arm: truejoint.crtk.Arm,
-    trajectory: truejoint.motion.Trajectory,
-    progress: Callable[[float], None],
-    steering: Steering | None,
-) -> truejoint.motion.TrackingReport:
-    """Follow a trajectory by legs, until a calibration on the recording has enough."""
-    parts = truejoint.motion.legs(trajectory, arm.robot, _LEG)
-    features = [f"{quantity}/{joint}" for quantity in _SEEN for joint in trajectory.joints]
-    reports = []
-    for number, leg in enumerate(parts, 1):
-        reports.append(truejoint.motion.follow(arm, leg, steering=steering))
-        progress(number / len(parts))
-        if 1 < number < len(parts):
-            recording, least = recorder.recording(), truejoint.calibration.ENOUGH
-            has = [name for name in features if name in recording.units]
-            if (truejoint.calibration.expected_gain(recording, features=has) < least).all():
-                spent = f"{sum(report.duration for report in reports) / 60.0:.1f} min"
-                share = f"{100 * least:g} %"
-                say(f"Enough after {spent}: as much again would better no joint by {share}")
-                break
-    return truejoint.motion.TrackingReport.joined(reports, trajectory.name)
 
 
 @dataclass(frozen=True)
@@ -165,7 +130,6 @@ def collect(
     loop: Loop,
     encoders: str | None = None,
     state_rate_hz: float = 30.0,
-    until_enough: bool = False,
     resume: bool = False,
     force: bool = False,
 ) -> Result:
@@ -196,7 +160,7 @@ def collect(
         steering = loop.around(device, model, truth)
         how: dict[str, Any] = {
             "load": simulated.load, "state_rate": state_rate_hz, "truth": truth,
-            "steering": steering, "until_enough": until_enough, "overwrite": force,
+            "steering": steering, "overwrite": force,
         }  # fmt: skip
         rows = [_recorded(device, *pair, **how) for pair in pairs]
     if steering is not None:

@@ -10,18 +10,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
-
-import typer
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, say
 from truejoint.cli.recording_options import as_provenance, parse_metadata
-from truejoint.errors import RosError, TruejointError, unknown
+from truejoint.errors import RosError, TruejointError
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
-from truejoint.toml_file import read_toml
 
 if TYPE_CHECKING:
     from truejoint.crtk.ros import Transport
@@ -31,19 +28,6 @@ _LOOK: Final = 0.2  # [s] between two looks at whether to end
 _MENDED: Final = "raven2_mended"
 
 
-def _take_parameters(context: typer.Context, path: Path | None) -> Path | None:
-    """Let a file say what the command line does not."""
-    if path is None:
-        return None
-    parameters = {str(p.name): p for p in context.command.params if p.name != "parameters"}
-    values = read_toml(path, RosError)
-    for name in values:
-        if name.replace("-", "_") not in parameters:
-            raise RosError(f"{path}: {unknown('parameter', name, parameters)}")
-    context.default_map = {name.replace("-", "_"): value for name, value in values.items()}
-    return path
-
-
 @dataclass(frozen=True)
 class Link:
     """How and for how long topics are taken part in, an option each."""
@@ -51,13 +35,6 @@ class Link:
     namespace: str = ""
     seconds: float = math.inf
     ros: int = 1
-    parameters: Annotated[
-        Path | None,
-        typer.Option(
-            "--parameters", is_eager=True, callback=_take_parameters,
-            help="TOML file with options by their names; the command line goes before it.",
-        ),
-    ] = None  # fmt: skip
 
 
 def correct(

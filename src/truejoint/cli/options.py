@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache, wraps
 from importlib import import_module, resources
-from typing import Annotated, Any, Final, NamedTuple, get_origin
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
@@ -132,9 +132,9 @@ def _help() -> dict[str, Any]:
 
 
 def _entry(parameter: inspect.Parameter, sections: tuple[str, ...]) -> dict[str, Any]:
-    """Find what `help.toml` says of a parameter; nothing where the command states its option."""
-    kind, name = parameter.annotation, parameter.name
-    if kind is typer.Context or get_origin(kind) is Annotated:
+    """Find what `help.toml` says of a parameter; of the context of a group there is nothing."""
+    name = parameter.name
+    if parameter.annotation is typer.Context:
         return {}
     pages = (_help().get(section, {}) for section in (*sections, "shared"))
     entry: dict[str, Any] | None = next((page[name] for page in pages if name in page), None)

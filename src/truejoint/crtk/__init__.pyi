@@ -16,5 +16,3 @@ from .ros import open_transport as open_transport
 from .states import STATE_COMMANDS as STATE_COMMANDS
 from .states import JointState as JointState
 from .states import OperatingState as OperatingState
-from .topics import TOPICS as TOPICS
-from .topics import check_topics as check_topics

@@ -6,7 +6,7 @@ import atexit
 import math
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from numbers import Real
@@ -21,7 +21,6 @@ from truejoint.crtk.handle import Motion, Subscription
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
-from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, TruejointError, other_kind
 from truejoint.robots import Robot, blocks
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -91,8 +90,6 @@ class Arm:
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = self.robot.joint_channels
         self._subscriptions: list[Subscription] = []
-        self._watchers: list[Callable[[OperatingState], None]] = []
-        self._watchers_lock = threading.RLock()  # of who watches
         self._latest: StateBlock | None = None
         self._before: StateBlock | None = None  # the latest
         self._lock = threading.RLock()  # of what follows
@@ -150,18 +147,15 @@ class Arm:
         if not (stops and self._ask(motion, command)):
             next_state(self.operating_state(), command)
         state_command: StateCommand = command  # type: ignore[assignment]  # next_state knows it
-        try:
-            if stops:
-                self._stop(motion, state_command, limit)
-            else:
-                self._last_setpoints, self._jump_reported, self._unreported_s = None, "", 0.0
-                if command == "home":  # what comes next is no step from here
-                    self._latest = self._before = None
-                self._backend.state_command(state_command, limit)
-            if command == "unhome":
+        if stops:
+            self._stop(motion, state_command, limit)
+        else:
+            self._last_setpoints, self._jump_reported, self._unreported_s = None, "", 0.0
+            if command == "home":  # what comes next is no step from here
                 self._latest = self._before = None
-        finally:
-            self._tell_watchers()
+            self._backend.state_command(state_command, limit)
+        if command == "unhome":
+            self._latest = self._before = None
 
     def enable(self, timeout: float | None = None) -> None:
         """Switch the motors on."""
@@ -365,29 +359,6 @@ class Arm:
             self._subscriptions.remove(subscription)
             subscription.flush()
 
-    def watch(self, callback: Callable[[OperatingState], None]) -> None:
-        """Call `callback` with the operating state whenever this controller has changed it.
-
-        By a state command, once it has been carried out or has failed, or as a motion of more than
-        one set-point begins and ends, in the thread that does it: the callback must neither block
-        nor raise.
-        """
-        self._watchers.append(callback)
-
-    def unwatch(self, callback: Callable[[OperatingState], None]) -> None:
-        """Stop calling `callback`; one that does not watch is left alone."""
-        with suppress(ValueError):
-            self._watchers.remove(callback)
-
-    def _tell_watchers(self) -> None:
-        if not self._watchers:
-            return
-        # In turn, else an older state could be told after a newer one; of a silent robot's nothing.
-        with self._watchers_lock, suppress(TruejointError):
-            now = self.operating_state()
-            for callback in tuple(self._watchers):
-                callback(now)
-
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
             before = self._latest
@@ -476,8 +447,6 @@ class Arm:
             check_ready(self.operating_state(), command)
             self._stop_command = ""
             self._motion = motion = Motion(command, duration, self._stop)
-        if self._is_stretch(duration):
-            self._tell_watchers()
         return motion
 
     def _run(self, motion: Motion, pieces: Iterator[Array], *, waits: bool = True) -> None:
@@ -514,12 +483,6 @@ class Arm:
             with self._lock:
                 self._motion, self._motion_thread = None, 0
             motion.ended(error)
-            if self._is_stretch(motion.duration) or error is not None:
-                self._tell_watchers()
-
-    def _is_stretch(self, duration: float) -> bool:
-        """Whether it is more than a set-point: who streams single ones has no time to lose."""
-        return duration * self.rate > 1.5
 
     def _send(self, motion: Motion, rows: Array) -> None:
         """Send set-points, in pieces as long as subscribers want blocks, until asked to stop."""
@@ -592,6 +555,16 @@ class Arm:
         target = {"pause": "PAUSED", "disable": "DISABLED"}.get(command)
         if target is not None and self._backend.operating_state().state != target:
             self._backend.state_command(command, timeout)  # type: ignore[arg-type]
+
+
+def joint_efforts(robot: Robot, block: StateBlock) -> Array:
+    """Efforts (n, n_joints) on the joints themselves [Nm or N]; (n, 0) where none are stated."""
+    if not block.effort.shape[1]:
+        return np.empty((len(block.t), 0))
+    efforts = block.effort[:, robot.joint_channels]
+    if robot.transmission is not None and robot.effort == "motor":
+        efforts = robot.transmission.joint_effort(efforts)
+    return efforts
 
 
 def as_arm(value: Arm) -> Arm:

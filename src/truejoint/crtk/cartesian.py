@@ -42,6 +42,11 @@ def jacobian(kinematics: Kinematics, joint: ArrayLike, frame: Frame = "tool") ->
     return np.concatenate([velocity, turning], axis=-2)
 
 
+def place_and_turn(pose: Array) -> tuple[Array, Array]:
+    """Place (3,) [m] and unit quaternion (4,), x, y, z and w, of a pose (4, 4)."""
+    return pose[:3, 3], Rotation.from_matrix(pose[:3, :3]).as_quat()
+
+
 def joints_at(kinematics: Kinematics, target: ArrayLike, seed: Array) -> Array:
     """Joint positions near `seed` (n_joints,) at a tool pose (4, 4); RobotError out of reach."""
     base_from_crtk = np.linalg.inv(kinematics.crtk_from_base)

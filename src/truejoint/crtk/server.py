@@ -21,7 +21,6 @@ from truejoint.crtk.handle import Motion
 from truejoint.crtk.messages import FORWARD, INVERSE, JOINT_STATE, RAVEN_STATE, STRING_STAMPED
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.setpoint_follower import SetpointFollower
-from truejoint.crtk.topics import topic_columns
 from truejoint.errors import CommandRefused, MotionStopped, RosError, TruejointError
 from truejoint.robots.blocks import StateBlock, TruthBlock, check_range, checked_vector
 
@@ -338,9 +337,9 @@ class ArmServer:
                 check_range(robot, reached[None], name)
                 response.jp = reached.tolist()
             else:
-                pose = cartesian.pose(kinematics, joint)
-                _fill(response.cp.position, pose[:3, 3])
-                _fill(response.cp.orientation, Rotation.from_matrix(pose[:3, :3]).as_quat())
+                place, turn = cartesian.place_and_turn(cartesian.pose(kinematics, joint))
+                _fill(response.cp.position, place)
+                _fill(response.cp.orientation, turn)
             response.result = True
         except (TruejointError, ValueError) as refusal:
             response.result, response.message = False, str(refusal)
@@ -380,10 +379,8 @@ class ArmServer:
             if name.endswith("_js"):
                 self._publish(name, t, **self._joint_values(name, columns))
             elif name.endswith(("_cp", "_cv")):
-                fields = topic_columns(robot, name.removeprefix(_LOCAL), block)
-                values = [values[0] for values in fields.values()]
                 message = self._transport.stamped(self._kinds[name], self._stamp(t))
-                for part, numbers in zip(_parts(message), (values[:3], values[3:]), strict=True):
+                for part, numbers in zip(_parts(message), self._tool(name, block), strict=True):
                     _fill(part, numbers)
                 made.publish(message)
             elif name in _JACOBIANS:
@@ -413,6 +410,16 @@ class ArmServer:
         if self._profile.no_setpoint:  # it has the last increment, which is nearly nothing
             position = [0.0] * len(names)
         return {"name": [*names], "position": position}
+
+    def _tool(self, name: str, block: StateBlock) -> tuple[Array, Array]:
+        """Place and quaternion of the tool, or both its velocities, of one state message."""
+        robot, channels = self._arm.robot, self._arm.robot.joint_channels
+        kinematics = robot.known_kinematics(name)
+        joint = (block.setpoint if "setpoint" in name else block.measured)[0, channels]
+        if name.endswith("_cp"):
+            return cartesian.place_and_turn(cartesian.pose(kinematics, joint))
+        twist = cartesian.jacobian(kinematics, joint) @ block.velocity[0, channels]
+        return twist[:3], twist[3:]
 
     def _array(self, rows: Array) -> Any:
         """Message of a matrix (m, n), row by row."""

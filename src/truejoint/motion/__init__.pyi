@@ -8,7 +8,6 @@ from .files import read_trajectory as read_trajectory
 from .files import write_trajectory as write_trajectory
 from .follow import TrackingReport as TrackingReport
 from .follow import follow as follow
-from .follow import legs as legs
 from .follow import nominal_duration as nominal_duration
 from .jog import Jog as Jog
 from .plotting import plot_trajectory as plot_trajectory

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any, Final, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,29 +22,11 @@ from truejoint.robots import Robot
 from truejoint.robots.robot import as_robot
 from truejoint.units import display_unit, shown
 
+if TYPE_CHECKING:  # it stands above, and drives an arm through its loop
+    from truejoint.runtime import Compensator
+
 _POLL: Final = 0.02  # [s] between two looks at the state of a paused arm
-_SHORTEST_LEG: Final = 1e-3  # [s], a set-point
 _SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
-
-
-class Steering(Protocol):
-    """What takes an arm's joints where they are wanted: `truejoint.runtime.Compensator`."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Those that it takes there; the others get what is wanted as their set-point."""
-
-    def approach(self, arm: Arm, wanted: ArrayLike) -> None:
-        """Take an arm to a pose `wanted` (n_joints,) [rad or m]."""
-
-    def setpoints(
-        self, arm: Arm, pieces: Iterable[Array], tell: Callable[[float, Array, Array], None]
-    ) -> Iterator[Array]:
-        """Turn wanted positions (n, n_joints) [rad or m] at the arm's rate into set-points.
-
-        At each step `tell` is called with a time [s], where the `joints` are wanted at the next
-        step, and where they are now (n,) [rad or m].
-        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +43,8 @@ class TrackingReport:
         Of set-point minus measured position [rad or m]; `max` is of the absolute value. Of joints
         that were steered, of wanted minus corrected position at the steps of the loop that know
         it. Pauses do not count.
-    setpoint_speed, max_speed, speed_caps : ndarray, shape (n_joints,)
-        Highest speed of the set-point and as measured, mean over 0.1 s, and what that of the
-        set-point was to stay below [rad/s or m/s].
+    max_speed : ndarray, shape (n_joints,)
+        Highest speed as measured, mean over 0.1 s [rad/s or m/s].
     duration : float
         From rest to rest, without the way to the start [s].
 
@@ -79,31 +59,12 @@ class TrackingReport:
     units: tuple[str, ...]
     rms: Array
     max: Array
-    setpoint_speed: Array
     max_speed: Array
-    speed_caps: Array
     duration: float
-
-    @property
-    def kept_caps(self) -> bool:
-        """Whether no set-point moved faster than its cap (within one part in a million)."""
-        return bool(np.all(self.setpoint_speed <= self.speed_caps * (1 + 1e-6)))
-
-    @staticmethod
-    def joined(reports: Sequence[TrackingReport], name: str) -> TrackingReport:
-        """One report of legs that were followed one after the other."""
-        first, weights = reports[0], [report.duration for report in reports]
-        squares = np.average([report.rms**2 for report in reports], axis=0, weights=weights)
-        highest = {
-            key: np.max([getattr(report, key) for report in reports], axis=0)
-            for key in ("max", "setpoint_speed", "max_speed", "speed_caps")
-        }
-        return replace(first, name=name, rms=np.sqrt(squares), duration=sum(weights), **highest)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units."""
-        plain = {name: np.asarray(value).tolist() for name, value in vars(self).items()}
-        return {**plain, "kept_caps": self.kept_caps}
+        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
 
     def __str__(self) -> str:
         parts = []
@@ -122,7 +83,7 @@ def follow(
     speed: ArrayLike | None = None,
     resume_within: float = 0.0,
     progress: Callable[[float], None] | None = None,
-    steering: Steering | None = None,
+    steering: Compensator | None = None,
 ) -> TrackingReport:
     """Move an arm to the start of a trajectory and along it; blocks until it is at rest again.
 
@@ -191,12 +152,12 @@ class _Run:
         trajectory: Trajectory,
         speed: ArrayLike | None,
         progress: Callable[[float], None] | None,
-        steering: Steering | None,
+        steering: Compensator | None,
     ) -> None:
         robot, joints = arm.robot, trajectory.joints
         self._arm, self._trajectory = arm, trajectory
         self._progress, self._steering = progress, steering
-        self._law, self._caps = _timed(robot, trajectory, speed)
+        self._law = _time_law(robot, trajectory, speed)
         self._columns = robot.index(joints)
         self._pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
         self._pose[self._columns] = trajectory.positions[0]
@@ -207,8 +168,7 @@ class _Run:
         self._steered = [k for k, name in enumerate(joints) if name in steered]
         self._followed = [k for k in range(len(joints)) if k not in self._steered]
         self._among = [steered.index(joints[k]) for k in self._steered]
-        self._counts, self._squares, self._max = np.zeros((3, len(joints)))
-        self._setpoint_speed, self._max_speed = np.zeros((2, len(joints)))
+        self._counts, self._squares, self._max, self._max_speed = np.zeros((4, len(joints)))
         self._t, self._measured = np.empty(0), np.empty((0, len(joints)))
 
     def approach(self, t: float) -> None:
@@ -249,20 +209,16 @@ class _Run:
         path = self._trajectory
         return TrackingReport(
             path.name, path.joints, path.units, np.sqrt(self._squares / self._counts), self._max,
-            self._setpoint_speed, self._max_speed, self._caps, self._law.duration,
+            self._max_speed, self._law.duration,
         )  # fmt: skip
 
     def _pieces(self, start: float, duration: float) -> Iterator[Array]:
-        before, rate = self._rows(np.array([start])), self._arm.rate
+        rate = self._arm.rate
         periods = round(np.ceil(duration * rate - 1e-6))
         size = int(BLOCK_DURATION * rate)
         for first in range(0, periods, size):
             elapsed = np.arange(first + 1, min(first + size, periods) + 1) / rate
-            rows = self._rows(self._time(start, elapsed))
-            steps = np.abs(np.diff(rows, axis=0, prepend=before))[:, self._columns]
-            self._setpoint_speed = np.maximum(self._setpoint_speed, steps.max(axis=0) * rate)
-            before = rows[-1:]
-            yield rows
+            yield self._rows(self._time(start, elapsed))
             if self._progress is not None:
                 done = self._time(start, elapsed[-1:])[0] / self._law.duration
                 self._progress(min(float(done), 1.0))
@@ -317,28 +273,6 @@ class _Run:
         self._max[joints] = np.maximum(self._max[joints], np.abs(error).max(axis=0))
 
 
-def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajectory]:
-    """Cut a trajectory at points into legs of `duration` [s] or a little more; raises as `follow`.
-
-    Examples
-    --------
-    >>> robot = truejoint.get_robot("raven2")
-    >>> len(legs(truejoint.motion.random_motion(robot, 100.0), robot, 30.0))
-    4
-    """
-    law = _timed(robot, trajectory, None)[0]
-    if not duration >= _SHORTEST_LEG:
-        raise TrajectoryError(
-            f"{trajectory.name}: legs of {duration:g} s; give {_SHORTEST_LEG:g} s or more"
-        )
-    marks = np.arange(0.0, law.times[-1], duration)
-    cuts = sorted({*np.searchsorted(law.times, marks).tolist(), len(law.times) - 1})
-    return [
-        replace(trajectory, positions=law.knots[a : b + 1], times=law.times[a : b + 1])
-        for a, b in pairwise(cuts)
-    ]
-
-
 def nominal_duration(trajectory: Trajectory, robot: Robot) -> float:
     """Time that `follow` will take from start to end [s]; raises as it does.
 
@@ -348,11 +282,11 @@ def nominal_duration(trajectory: Trajectory, robot: Robot) -> float:
     >>> nominal_duration(zigzag(robot, "J2", 1 / 2), robot) > 10.0
     True
     """
-    return _timed(robot, trajectory, None)[0].duration
+    return _time_law(robot, trajectory, None).duration
 
 
-def _timed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> tuple[TimeLaw, Array]:
-    """Time law of a trajectory, and the speed (n_joints,) that its set-points stay below."""
+def _time_law(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> TimeLaw:
+    """Time law of a trajectory; raises TrajectoryError if a joint would be too fast."""
     name, joints, times = as_trajectory(trajectory).name, trajectory.joints, trajectory.times
     top = np.array([as_robot(robot).joint(joint).max_speed for joint in joints])
     if times is not None:
@@ -377,4 +311,4 @@ def _timed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> tup
         k = int(np.argmax(fast))
         asked, most = (shown(speeds[k], trajectory.units[k] + "/s") for speeds in (caps, top))
         raise TrajectoryError(f"{name}: {joints[k]} would move at {asked}, above {most}; slow down")
-    return law, caps
+    return law

@@ -39,8 +39,6 @@ def test_recordings_are_cut_by_the_time_of_all(recording):
 
 def test_efficiency_compares_three_motions(drawn, tmp_path, monkeypatch):
     monkeypatch.setattr(minutes, "_FINE", (1,))
-    monkeypatch.setattr(minutes, "_FIRST_LOOK", 30.0)
-    monkeypatch.setattr(minutes, "_LOOK", 60.0)
     options = {"specimens": "nominal", "sessions": 1, "longest": 1, "every_s": 30, "test": 0.5}
     result = run_study("efficiency", options)
     rows = result.rows
@@ -51,9 +49,7 @@ def test_efficiency_compares_three_motions(drawn, tmp_path, monkeypatch):
     assert (errors > 0.0).all()
     at_end = errors[-1]  # of a minute: a degree, a millimetre
     assert (at_end < [np.radians(1.0), np.radians(1.0), 1e-3]).all()
-    stop = select(rows, of=minutes.STOPPED).seconds.item()
-    assert 30.0 <= stop < 65.0  # with the way to the start
-    assert len(result.summary.claims) == 3
+    assert len(result.summary.claims) == 2
     assert len(result.summary.tables[0].rows) == 3  # both ends are one here
     assert drawn(result)
     assert {"efficiency.html", "efficiency.png"} <= {file.name for file in tmp_path.iterdir()}

@@ -9,7 +9,6 @@ import numpy as np
 from pandas import DataFrame, MultiIndex, Series, concat
 
 from truejoint.array_types import Array
-from truejoint.calibration import ENOUGH, expected_gain
 from truejoint.drawing import Figure, by_condition
 from truejoint.errors import CalibrationError
 from truejoint.motion import PROFILES, designed_motion, random_motion
@@ -24,16 +23,13 @@ _FINE: Final = (4, 5, 6)  # divisions of the zig-zags that are compared with, as
 _MOTION_SEED: Final = 2_000_000  # between the seed of an arm and that of its motion
 _REFERENCE, _DESIGNED = "zigzag", "designed"
 _MOTIONS: Final = (_REFERENCE, "random", _DESIGNED)
-FIRST, WHOLE, STOPPED = "first seconds", "whole", "stopped"
-"""What a calibration is made of: the first seconds of a motion, all of it, or up to its stop."""
+FIRST, WHOLE = "first seconds", "whole"
+"""What a calibration is made of: the first seconds of a motion, or all of it."""
 FEATURES: Final = [
     f"{quantity}/{joint}" for quantity in ("measured", "effort") for joint in s.JOINTS
 ]
 """Of the joints that move: those that rest teach nothing."""
 _MINUTES: Final = 2.5  # in which the designed motion is to reach the zig-zags' accuracy
-_FIRST_LOOK: Final = 60.0  # [s], when it is first asked whether that is enough,
-_LOOK: Final = 30.0  # [s], and how often
-_NEAR: Final = 1.2  # of the least error of a session, which stopping may end with
 _SHARE: Final = 0.7  # of the time of random motion that it may take
 
 
@@ -81,22 +77,7 @@ def learn(
         if end <= total + 1.0
     ]
     rows.append({"seconds": total, "of": WHOLE, **rmse(training)})
-    if motion == _DESIGNED:
-        end = stopped(training[0], estimator)
-        rows.append({"seconds": end, "of": STOPPED, **rmse(until(training, end))})
     return rows
-
-
-def stopped(recording: Recording, estimator: str) -> float:
-    """Time [s] after which more of a motion is not expected to pay; all of it where it always is.
-
-    It is asked as `truejoint collect --until-enough` does.
-    """
-    for end in np.arange(_FIRST_LOOK, recording.duration, _LOOK):
-        gain = expected_gain(until([recording], end), estimator, features=FEATURES)
-        if (gain < ENOUGH).all():
-            return float(end)
-    return recording.duration
 
 
 def until(recordings: Sequence[Recording], seconds: float) -> list[Recording]:
@@ -172,7 +153,7 @@ def efficiency_summary(results: Results) -> Summary:
     claims = [
         claim
         for title, group in groups(rows, "specimen")
-        for claim in _claims(str(title), times.loc[title], group)
+        for claim in _claims(str(title), times.loc[title], group.minutes.max())
     ]
     return Summary((table,), {"efficiency": figure}, claims)
 
@@ -181,14 +162,10 @@ def _median_text(values: Series) -> str:
     return fixed(float(np.median(values)), 2)
 
 
-def _claims(title: str, times: DataFrame, rows: DataFrame) -> list[Claim]:
-    """Judge the minutes of each motion by session, and where the designed one was stopped."""
-    ended = times.clip(upper=rows.minutes.max())  # what was never reached takes longer than that
+def _claims(title: str, times: DataFrame, longest: float) -> list[Claim]:
+    """Judge the minutes of each motion by session; the longest took `longest` [min]."""
+    ended = times.clip(upper=longest)  # what was never reached takes longer than that
     ours, theirs = ended.loc[_DESIGNED], ended.loc["random"]
-    designed = select(rows, case=_DESIGNED)
-    stops = select(designed, of=STOPPED)
-    least = select(designed, of=(FIRST, STOPPED)).groupby("session", sort=False).share.min()
-    shares = stops.share.to_numpy() / least.to_numpy()
     return [
         Claim(
             f"the designed motion is as good as all zig-zags within {_MINUTES:g} minutes",
@@ -202,14 +179,5 @@ def _claims(title: str, times: DataFrame, rows: DataFrame) -> list[Claim]:
             f"{ours.good.median():.2f} against {theirs.good.median():.2f} minutes for good, "
             f"median; {ours['first'].median():.2f} against {theirs['first'].median():.2f} for the "
             "first time", title,
-        ),
-        Claim(
-            f"stopped when twice the time is expected to lower no error by {100 * ENOUGH:g} %, the "
-            f"designed motion ends within {100 * (_NEAR - 1.0):.0f} % of the least error that it "
-            "ever reaches",
-            "ours", below(shares, _NEAR),
-            f"{int((shares <= _NEAR).sum())} of {len(stops)} sessions, after "
-            f"{stops.minutes.median():.1f} minutes ({stops.minutes.min():.1f} to "
-            f"{stops.minutes.max():.1f})", title,
         ),
     ]  # fmt: skip
