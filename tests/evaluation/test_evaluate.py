@@ -60,6 +60,24 @@ def test_baselines_are_always_in_the_table(case):
     assert len(evaluation.recording_scores) == len(of_joints) * len(test)
 
 
+def without_effort(recording):
+    """The same recording, of a robot that reports no efforts."""
+    names = [name for name in recording.table.columns if not name.startswith("effort/")]
+    units = {name: unit for name, unit in recording.units.items() if name in names}
+    return Recording(recording.table[names], units, recording.provenance)
+
+
+@pytest.mark.parametrize("which", [(0,), (1,), (0, 1)])
+def test_efforts_may_be_missing_in_some_recordings_or_in_all(recording_of, which):
+    train, *test = (recording_of("davinci_grasper", seed=seed) for seed in range(3))
+    model = calibrate(train, "linear", features=["measured/jaw"])
+    mixed = [without_effort(r) if k in which else r for k, r in enumerate(test)]
+    evaluation = evaluate(model, mixed)
+    assert not evaluation.effort_units
+    assert evaluation.score("linear", "jaw").rmse > 0.0
+    assert str(evaluation)
+
+
 def test_the_tool_error_goes_through_the_robot_s_kinematics(case):
     seeds, test, evaluation = case
     robot = test[0].robot

@@ -186,7 +186,9 @@ def evaluate(
             for r, name, (own, _) in zip(recordings, names, judged, strict=True)
         ),
         effort_units={
-            joint: recordings[0].units[f"effort/{joint}"] for joint in rows["effort"].columns
+            joint: recordings[0].units[f"effort/{joint}"]
+            for quantity, joint in rows.columns
+            if quantity == "effort"
         },
         **judge_interval(by_estimator[chosen][0], recordings, rows),
     )
