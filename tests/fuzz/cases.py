@@ -57,7 +57,7 @@ LEFT_OUT = {"datasets fetch", "demo", "study"}
 """Commands that fetch what is public, or start threads and processes of their own for minutes."""
 STOPPED = {"monitor": 3.0, "node correct": 2.0, "node simulate": 2.0,
            "node record": 2.0, "node encoders": 2.0, "doctor": 5.0, "touch run": 3.0,
-           "teleop": 3.0}  # fmt: skip
+           "teleop": 3.0, "collect": 30.0}  # fmt: skip
 """Commands that take long or run until they are stopped: Ctrl-C after so many seconds."""
 FRAMES = tuple(
     msgspec.msgpack.encode(message) for message in (
