@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from tests.tip.test_touch_calibration import session, without_truth
 from tests.tip.touched_arm import Touched, fitted, touched
 
 from truejoint import Calibration
+from truejoint.tip import TouchReport, calibrate_by_touch
 
 
 @pytest.fixture(scope="package")
@@ -16,3 +18,9 @@ def model() -> Calibration:
 @pytest.fixture(scope="package")
 def first() -> Touched:
     return touched(24)
+
+
+@pytest.fixture(scope="package")
+def calibrated() -> tuple[Calibration, TouchReport]:
+    recording, touches, block, _ = session()
+    return calibrate_by_touch(without_truth(recording), touches, block)

@@ -11,7 +11,7 @@ import pytest
 from truejoint.errors import CalibrationError
 from truejoint.motion.touching import joints_at
 from truejoint.robots import get_robot
-from truejoint.tip import block_map, block_stl, design_block
+from truejoint.tip import design_block
 from truejoint.tip.block import BASE, CONE, PITCH
 
 ROBOT = get_robot("raven2", "left")
@@ -31,7 +31,7 @@ def triangles(data: bytes) -> np.ndarray:
 
 
 def test_the_print_is_closed_and_holds_what_its_cells_hold(shape):
-    corners = triangles(block_stl(shape)).round(3)
+    corners = triangles(shape.stl()).round(3)
     edges = Counter()
     for a, b, c in corners:
         for start, end in ((a, b), (b, c), (c, a)):
@@ -56,7 +56,7 @@ def test_every_dimple_is_in_reach_and_its_point_is_the_bottom_of_its_cone(shape)
         assert ROBOT.kinematics.forward(joint)[:3, 3] == pytest.approx(goal, abs=1e-8)
         assert (joint[:3] >= space.lower).all()
         assert (joint[:3] <= space.upper).all()
-    lowest = {tuple(p) for p in triangles(block_stl(shape)).reshape(-1, 3).round(2).tolist()}
+    lowest = {tuple(p) for p in triangles(shape.stl()).reshape(-1, 3).round(2).tolist()}
     assert {tuple(p) for p in (1e3 * points).round(2).tolist()} <= lowest
 
 
@@ -71,7 +71,7 @@ def test_the_dimples_lie_in_no_plane_and_no_turn_repeats_the_block(shape):
 
 
 def test_the_map_has_every_number_where_its_dimple_is(shape):
-    rows = [line[2:].split() for line in block_map(shape).splitlines()[1:]][::-1]
+    rows = [line[2:].split() for line in shape.map().splitlines()[1:]][::-1]
     points = shape.block().points
     places = {n: (x, y) for y, row in enumerate(rows) for x, n in enumerate(row) if n != "."}
     assert places.keys() == points.keys()

@@ -59,9 +59,6 @@ def test_only_dimples_in_reach_are_asked_for():
 def test_a_plate_or_a_model_of_another_robot_is_refused(model, block, finding):
     with pytest.raises(CalibrationError, match="is for forceps"):
         design_pose(replace(block, robot="forceps"), ROBOT)
-    pose = replace(design_pose(block, ROBOT), arm="right")
-    with pytest.raises(CalibrationError, match="the model is of"):
-        of_model(model, pose, finds_block=False)
     pose = replace(design_pose(block, ROBOT), model_sha256="other")
     with pytest.raises(CalibrationError, match="with another calibration"):
         of_model(model, pose, finds_block=False)
@@ -84,8 +81,7 @@ def determinant(rows, known, chosen) -> float:
     """Logarithm of the determinant of the parameters' information, term by term."""
     free = np.flatnonzero(known.free)
     equations = rows.equations(known.state)
-    whitening = equations.whitening(rows.joint_sd, rows.point_sd)
-    white = whitening @ equations.by_parameter
+    white = equations.whitened(rows.joint_sd, rows.point_sd).jacobian
     information = known.precision[np.ix_(free, free)].copy()
     for k in chosen:
         information += white[k][:, free].T @ white[k][:, free]
@@ -102,11 +98,6 @@ def test_planned_touches_tell_more_than_random_ones():
     sd = fit_rows(rows.rows(np.isin(np.arange(60), chosen)), known).sd
     some = fit_rows(rows.rows(np.arange(60) < 10), known).sd
     assert np.prod(sd[sd > 0]) < np.prod(some[some > 0])
-
-
-def test_more_touches_than_dimples_are_refused():
-    with pytest.raises(CalibrationError, match="12 touches of 9 dimples"):
-        choose_touches(rows_of(9), prior(), 12)
 
 
 def test_every_joint_comes_from_both_sides():

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.tip.test_touch_calibration import session, without_truth
+from tests.tip.test_touch_calibration import session
 from tests.tip.touched_arm import ROBOT, fitted
 
-from truejoint import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.tip import calibrate_by_touch
@@ -18,17 +17,10 @@ from truejoint.tip.terms import AGAIN, WIDE, Terms, check_prior, learned_priors,
 TERMS = Terms.of_workspace(ROBOT)
 
 
-@pytest.fixture(scope="module")
-def touched_model() -> tuple[Calibration, np.ndarray]:
-    recording, touches, block, _ = session()
-    model, report = calibrate_by_touch(without_truth(recording), touches, block)
-    return model, report.fit.state.coefficients
-
-
-def test_a_calibration_of_these_terms_gives_its_own_coefficients(touched_model):
-    model, coefficients = touched_model
+def test_a_calibration_of_these_terms_gives_its_own_coefficients(calibrated):
+    model, report = calibrated
     found = TERMS.of_calibration(model, session(30, 5)[0])
-    assert found == pytest.approx(coefficients, abs=2e-3)
+    assert found == pytest.approx(report.fit.state.coefficients, abs=2e-3)
 
 
 def test_a_linear_calibration_becomes_its_slopes():
@@ -40,16 +32,16 @@ def test_a_linear_calibration_becomes_its_slopes():
     assert basis @ found == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
 
 
-def test_no_zero_is_held_that_homing_moves(touched_model):
+def test_no_zero_is_held_that_homing_moves(calibrated):
     model, recording = fitted(), session(30, 5)[0]
     priors = learned_priors(TERMS, model, recording)
     assert priors[0].mean == pytest.approx(TERMS.of_calibration(model, recording))
     assert priors[0].sd == pytest.approx([AGAIN[kind] for kind in TERMS.kinds])
     assert [(p.sd / priors[0].sd).mean() for p in priors] == pytest.approx([1.0, 2.0, 4.0])
-    unsure = learned_priors(TERMS, touched_model[0], recording)[0]
-    stated = np.array(touched_model[0].metadata["touch"]["zero_sd"]) / TERMS.scale
+    unsure = learned_priors(TERMS, calibrated[0], recording)[0]
+    stated = np.array(calibrated[0].metadata["touch"]["zero_sd"]) / TERMS.scale
     assert unsure.sd[TERMS.zeros] == pytest.approx(np.hypot(AGAIN["zero"], stated))
-    silent = touched_model[0].with_metadata(touch={"zero_sd": "small"})
+    silent = calibrated[0].with_metadata(touch={"zero_sd": "small"})
     with pytest.raises(CalibrationError, match="does not say how surely it knows its zeros"):
         learned_priors(TERMS, silent, recording)
 

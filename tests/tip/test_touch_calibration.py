@@ -59,12 +59,6 @@ def without_truth(recording: Recording) -> Recording:
     return Recording.from_columns(columns, recording.provenance)
 
 
-@pytest.fixture(scope="module")
-def calibrated():
-    recording, touches, block, _ = session()
-    return calibrate_by_touch(without_truth(recording), touches, block)
-
-
 def in_block(model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Points of the tip in the estimated block, as corrected, and in the true one."""
     facts = model.metadata["touch"]

@@ -44,8 +44,8 @@ def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
     contents = {
-        "block.stl": truejoint.tip.block_stl(shape),
-        "block.toml": (truejoint.tip.block_map(shape) + block_text(made)).encode(),
+        "block.stl": shape.stl(),
+        "block.toml": (shape.map() + block_text(made)).encode(),
     }
     files = {output / name: partial(Path.write_bytes, data=data) for name, data in contents.items()}
     write_all_atomically(files, overwrite=force, error=CalibrationError)
@@ -174,15 +174,10 @@ def follow_plan(
         made.append((stamp, stop.dimple))
         times, dimples = zip(*made, strict=True)
         touches = truejoint.tip.Touches(times, dimples)
-        _write(touches, output)
+        text = "t,dimple\n" + "".join(f"{t:.4f},{dimple}\n" for t, dimple in made)
+        write = partial(Path.write_text, data=text, encoding="utf-8")
+        write_atomically(output, write, overwrite=True, error=CommandRefused)
     return touches
-
-
-def _write(touches: Touches, output: Path) -> None:
-    rows = zip(touches.t, touches.dimple, strict=True)
-    text = "t,dimple\n" + "".join(f"{t:.4f},{dimple}\n" for t, dimple in rows)
-    write = partial(Path.write_text, data=text, encoding="utf-8")
-    write_atomically(output, write, overwrite=True, error=CommandRefused)
 
 
 @contextmanager

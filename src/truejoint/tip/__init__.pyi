@@ -1,8 +1,6 @@
 from .block import Block as Block
 from .block import BlockPose as BlockPose
 from .block import BlockShape as BlockShape
-from .block import block_map as block_map
-from .block import block_stl as block_stl
 from .block import design_block as design_block
 from .block import read_block as read_block
 from .block import read_pose as read_pose

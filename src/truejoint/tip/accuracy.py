@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from typing import Final, NamedTuple
@@ -29,7 +30,6 @@ from truejoint.tip.fit import (
     TipFit,
     TipPrior,
     TipRows,
-    Whitened,
     fit_rows,
     normal_equations,
     whiten_rows,
@@ -54,7 +54,7 @@ _SCALE_SD: Final = 0.03
 _MARKER_SD: Final = 0.02  # m
 _MEANT: Final = 0.5  # rad by which a block may be turned from how it is meant to stand
 _MOVE_COST: Final = 6.0  # of a time among many, and of a way in any direction
-_EDGE: Final = 6  # points at least before and after a move
+EDGE: Final = 6  # points at least before and after a move
 
 
 class Split(NamedTuple):
@@ -120,10 +120,9 @@ def split_residuals(
 
 def likeliest(fit: TipFit, priors: Sequence[TipPrior]) -> int:
     """Place of the prior under which the inliers of a fit are likeliest."""
-    rows = fit.rows.rows(~fit.left_out)
-    equations = rows.equations(fit.state)
-    found = [restricted(equations, fit, p, rows.point_sd, rows.joint_sd)[0] for p in priors]
-    return int(np.argmax(found))
+    equations = fit.rows.rows(~fit.left_out).equations(fit.state)
+    sds = fit.rows.point_sd, fit.rows.joint_sd
+    return int(np.argmax([restricted(equations, fit, prior, *sds)[0] for prior in priors]))
 
 
 def restricted(
@@ -135,20 +134,19 @@ def restricted(
     """
     free = np.flatnonzero(prior.free)
     block = np.ix_(free, free)
-    whitening = equations.whitening(joint_sd, np.array(point_sd))
-    white = Whitened.of(equations, whitening)
+    white = equations.whitened(joint_sd, np.array(point_sd))
     normal, gradient = normal_equations(prior, fit.state, white)
-    step = -np.linalg.solve(normal[block], gradient[free])
+    own = normal[block]
+    step = -np.linalg.solve(own, gradient[free])
     left = white.residual + white.jacobian[:, :, free] @ step
     moved = fit.state.minus(prior.state)[free] + step
     misfit = float((left**2).sum() + moved @ prior.precision[block] @ moved)
     sure = np.flatnonzero(np.diag(prior.precision))
-    size = float(np.log(np.linalg.det(whitening)).sum())
-    size += 0.5 * float(np.linalg.slogdet(prior.precision[np.ix_(sure, sure)])[1])
-    size -= 0.5 * float(np.linalg.slogdet(normal[block])[1])
+    known, found = (np.linalg.slogdet(a)[1] for a in (prior.precision[np.ix_(sure, sure)], own))
+    size = 2.0 * np.log(np.linalg.det(white.whitening)).sum() + known - found
     covariance = np.zeros_like(normal)
-    covariance[block] = np.linalg.inv(normal[block])
-    return size - 0.5 * misfit, covariance
+    covariance[block] = np.linalg.inv(own)
+    return 0.5 * float(size - misfit), covariance
 
 
 def shares(splits: Sequence[Split]) -> Array:
@@ -159,11 +157,9 @@ def shares(splits: Sequence[Split]) -> Array:
 
 def refitted(fit: TipFit, stated: TipRows, splits: Sequence[Split]) -> TipFit:
     """Fit anew with the deviations of points and joints that are expected of all splits."""
-    point_sd, joint_sd = (
-        np.sqrt(np.average(np.square(values), axis=0, weights=shares(splits)))
-        for values in ([s.point_sd for s in splits], [s.joint_sd for s in splits])
-    )
-    rows = replace(stated, point_sd=float(point_sd), joint_sd=joint_sd)
+    sds = np.array([[split.point_sd, *split.joint_sd] for split in splits])
+    point_sd, *joint_sd = np.sqrt(np.average(sds**2, axis=0, weights=shares(splits)))
+    rows = replace(stated, point_sd=float(point_sd), joint_sd=np.array(joint_sd))
     return fit_rows(rows, fit.prior, start=fit.state)
 
 
@@ -230,9 +226,13 @@ def fit_loosely(rows: TipRows, prior: TipPrior, gate: float = GATE) -> TipFit:
 
 
 def check_faults(
-    source: str, rows: TipRows, prior: TipPrior, trials: Iterable[Trial], place: Integers
-) -> None:
-    """Refuse points that are far likelier with something wrong in them, and name that."""
+    source: str, rows: TipRows, prior: TipPrior, trials: Iterable[Trial], place: Integers,
+    trouble: str = "",
+) -> None:  # fmt: skip
+    """Refuse points that are far likelier with something wrong in them, and name that.
+
+    Where none of that is found, refuse them for other `trouble` if there is one.
+    """
 
     def judged(rows: TipRows, prior: TipPrior, gate: float) -> tuple[float, TipFit | None]:
         try:
@@ -244,13 +244,13 @@ def check_faults(
     best = judged(rows, prior, GATE)[0]
     if not math.isfinite(best):  # far too many outliers
         best = judged(rows, prior, math.inf)[0]
-    best, fault = best + _PROOF, ""
+    best += _PROOF
     for trial in trials:
         likelihood, fit = judged(trial.rows, trial.prior, GATE)
         if fit is not None and likelihood - trial.cost > best:
-            best, fault = likelihood - trial.cost, trial.words(fit)
-    if fault:
-        raise CalibrationError(f"{source}: the points fit only {fault}")
+            best, trouble = likelihood - trial.cost, f"the points fit only {trial.words(fit)}"
+    if trouble:
+        raise CalibrationError(f"{source}: {trouble}")
 
 
 def mirrored(rows: TipRows, block: Block, prior_of: Callable[[TipRows], TipPrior]) -> Trial:
@@ -271,8 +271,7 @@ def renumbered(
     rows: TipRows, block: Block, dimples: Sequence[str], prior_of: Callable[[TipRows], TipPrior]
 ) -> Iterator[Trial]:
     """Try the dimples numbered along other sides of the block, from other ends, or one further."""
-    names = list(block.points)
-    point = np.array(list(block.points.values()))
+    names, point = list(block.points), np.array(list(block.points.values()))
     corner = np.round(point[:, :2], 6)
     orders = [
         np.lexsort((sign * corner[:, 1 - axis], other * corner[:, axis]))
@@ -285,44 +284,39 @@ def renumbered(
         moved = replace(rows, point=np.where(at[:, None] < 0, rows.point, point[order][at]))
         if (moved.point == rows.point).all():
             continue
-
-        def words(_: TipFit, order: Integers = order) -> str:
-            called = ", ".join(f"{names[k]} is {names[order[k]]}" for k in (0, 1, len(names) - 1))
-            return f"when its dimples are numbered otherwise ({called}): number them as it is drawn"
-
-        try:
-            yield Trial(moved, prior_of(moved), words)
-        except CalibrationError:  # they lie in a line
-            continue
+        called = ", ".join(f"{names[k]} is {names[order[k]]}" for k in (0, 1, -1))
+        words = f"when its dimples are numbered otherwise ({called}): number them as it is drawn"
+        with suppress(CalibrationError):  # they lie in a line
+            yield Trial(moved, prior_of(moved), lambda _, words=words: words)  # type: ignore[misc]
 
 
 def scaled(rows: TipRows, prior: TipPrior, advice: str) -> Trial:
     """Try points of another size."""
-
-    def words(fit: TipFit) -> str:
-        return f"when scaled by {fit.state.scale / prior.state.scale:.4f}: {advice}"
-
-    return Trial(rows, _freed(prior, (SCALE,), _SCALE_SD), words)
+    stated, words = prior.state.scale, "when scaled by {:.4f}: {}".format
+    return _freed(rows, prior, (SCALE,), _SCALE_SD, lambda f: words(f.state.scale / stated, advice))
 
 
 def off_the_tip(rows: TipRows, prior: TipPrior) -> Trial:
     """Try a marker, or whatever touches, that is not at the tip."""
 
     def words(fit: TipFit) -> str:
-        x, y, z = (1e3 * fit.state.marker).tolist()
+        place = ", ".join(f"{x:.1f}" for x in (1e3 * fit.state.marker).tolist())
         return (
-            f"when they are of a place ({x:.1f}, {y:.1f}, {z:.1f}) mm off the tip in the tool's "
-            "frame: put the marker at the tip (pivot calibration), or give its place in a "
-            "registration (extract --tracker)"
+            f"when they are of a place ({place}) mm off the tip in the tool's frame: put the "
+            "marker at the tip (pivot calibration), or state its place (extract --tracker)"
         )
 
-    return Trial(rows, _freed(prior, MARKER, _MARKER_SD), words)
+    return _freed(rows, prior, MARKER, _MARKER_SD, words)
 
 
-def halves(t: Sequence[float]) -> list[tuple[str, Mask]]:
-    """Ways to cut points at times `t` (m,) [s] in two: when, and which (m,) come after."""
-    at, cuts = np.arange(len(t)), range(_EDGE, len(t) - _EDGE + 1)
-    return [(f"after {t[k]:.1f} s", at >= k) for k in cuts]
+def _freed(
+    rows: TipRows, prior: TipPrior, names: Sequence[str], sd: float, words: Callable[[TipFit], str]
+) -> Trial:
+    """Try parameters that are known within `sd` only."""
+    at = [prior.state.names.index(name) for name in names]
+    precision, free = prior.precision.copy(), prior.free.copy()
+    precision[at, at], free[at] = sd**-2.0, True
+    return Trial(rows, replace(prior, precision=precision, free=free), words)
 
 
 def moved(
@@ -333,7 +327,7 @@ def moved(
         fit = fit_rows(rows, prior, gate=np.inf)
     except CalibrationError:  # far too bad for one move
         return
-    moves = [(*shift_of(fit, after), when, after) for when, after in cases]
+    moves = [(*shift_of(fit, after)[:2], when, after) for when, after in cases]
     if moves:
         step, _, when, after = max(moves, key=lambda move: float(move[0] @ move[1] @ move[0]))
         point = rows.point + np.where(after[:, None], step / fit.state.scale, 0.0)
@@ -342,22 +336,14 @@ def moved(
         yield Trial(replace(rows, point=point), prior, lambda _: words, _MOVE_COST)
 
 
-def shift_of(fit: TipFit, chosen: Mask) -> tuple[Array, Array]:
+def shift_of(fit: TipFit, chosen: Mask) -> tuple[Array, Array, Array]:
     """Shift (3,) in the frame [m] by which the `chosen` points (m,) are off the others.
 
-    And the information of it (3, 3), the inverse of its covariance.
+    And the inverse (3, 3) of its covariance; again of what these points alone tell.
     """
     white = whiten_rows(fit.rows, ~fit.left_out & chosen, fit.state)
     turned = white.whitening.transpose(0, 2, 1) * white.weight[:, None, None]
-    pull = (turned @ white.residual[:, :, None]).sum(axis=0)[:, 0]
-    shared = (turned @ white.jacobian).sum(axis=0)
-    information = (turned @ white.whitening).sum(axis=0) - shared @ fit.covariance @ shared.T
-    return np.linalg.solve(information, pull), information
-
-
-def _freed(prior: TipPrior, names: Sequence[str], sd: float) -> TipPrior:
-    """Prior in which parameters are known within `sd` only."""
-    at = [prior.state.names.index(name) for name in names]
-    precision, free = prior.precision.copy(), prior.free.copy()
-    precision[at, at], free[at] = sd**-2.0, True
-    return replace(prior, precision=precision, free=free)
+    parts = white.whitening, white.jacobian, white.residual[:, :, None]
+    own, shared, pull = ((turned @ part).sum(axis=0) for part in parts)
+    information = own - shared @ fit.covariance @ shared.T
+    return np.linalg.solve(information, pull[:, 0]), information, own

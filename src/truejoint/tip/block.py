@@ -115,7 +115,15 @@ class Block:
                 f"block {self.name}: {min(both)} is a dimple and a reference; name them apart"
             )
         for key in ("points", "references"):
-            object.__setattr__(self, key, self._checked(getattr(self, key)))
+            points = dict(getattr(self, key))
+            for name, values in points.items():
+                points[name] = at = floats(values, f"dimple {name}", CalibrationError)
+                if at.shape != (3,) or not (np.abs(at) < _LARGEST).all():
+                    raise CalibrationError(
+                        f"block {self.name}: dimple {name} is at {at.tolist()} m; want three "
+                        f"numbers of less than {_LARGEST:g} m"
+                    )
+            object.__setattr__(self, key, points)
         if not 0.0 < self.calliper < 1.0:
             raise CalibrationError(f"block {self.name}: calliper length {self.calliper:g} m")
         if not (math.isnan(self.measured) or abs(self.measured / self.calliper - 1.0) < 0.03):
@@ -124,17 +132,6 @@ class Block:
                 f"{self.calliper / _MM:g} mm; more than 3 % off is another print: measure again"
             )
         check_rotation(self.rotation)
-
-    def _checked(self, stated: Mapping[str, Array]) -> dict[str, Array]:
-        points: dict[str, Array] = {}
-        for number, values in stated.items():
-            points[number] = point = floats(values, f"dimple {number}", CalibrationError)
-            if point.shape != (3,) or not (np.abs(point) < _LARGEST).all():
-                raise CalibrationError(
-                    f"block {self.name}: dimple {number} is at {point.tolist()} m; want three "
-                    f"numbers of less than {_LARGEST:g} m"
-                )
-        return points
 
     @property
     def scale(self) -> float:
@@ -152,8 +149,7 @@ class Block:
         strange = [number for number in dimples if number not in points]
         if strange:
             raise CalibrationError(
-                f"block {self.name} has no dimple {strange[0]!r:.20} (it has "
-                f"{len(self.points)}); is this the block that was touched?"
+                f"block {self.name} has no dimple {strange[0]!r:.20}; is this the one touched?"
             )
         return np.array([points[number] for number in dimples])
 
@@ -214,9 +210,7 @@ class BlockPose:
     def __post_init__(self) -> None:
         check_rotation(self.rotation)
         if not (np.linalg.eigvalsh(self.covariance) > 0.0).all():
-            raise CalibrationError(
-                "covariance is not positive definite; was the file edited? Find the pose again"
-            )
+            raise CalibrationError("covariance is not positive definite; find the pose again")
 
     @property
     def title(self) -> str:
@@ -227,9 +221,7 @@ class BlockPose:
 def check_rotation(rotation: Array) -> None:
     """Refuse a matrix (3, 3) that is not a rotation."""
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
-        raise CalibrationError(
-            "rotation is not a rotation matrix; was the file edited? Make it again"
-        )
+        raise CalibrationError("rotation is not a rotation matrix; was the file edited?")
 
 
 def read_block(path: str | os.PathLike[str]) -> Block:
@@ -256,11 +248,9 @@ def read_pose(path: str | os.PathLike[str]) -> BlockPose:
 
     Examples
     --------
-    >>> block = Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08)
-    >>> pose = BlockPose(block, "raven2", "left", np.eye(3), np.zeros(3), np.eye(6), 1.0, 0.001)
-    >>> write_pose(pose, Path("pose.toml"))
-    >>> read_pose(Path("pose.toml")).title
-    'test in the base of raven2 left'
+    >>> read_pose("none.toml")
+    Traceback (most recent call last):
+    truejoint.errors.CalibrationError: ...
     """
     values = read_toml(Path(path), CalibrationError)
     return schema.read(BlockPose, values, str(path), CalibrationError)
@@ -273,7 +263,9 @@ def write_pose(pose: BlockPose, path: str | os.PathLike[str], *, overwrite: bool
     --------
     >>> block = Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08)
     >>> where = np.eye(3), np.zeros(3), np.eye(6)
-    >>> write_pose(BlockPose(block, "raven2", "left", *where, 1.0, 0.001), Path("pose.toml"))
+    >>> write_pose(BlockPose(block, "raven2", "left", *where, 1.0, 0.001), "pose.toml")
+    >>> read_pose("pose.toml").title
+    'test in the base of raven2 left'
     """
     write = partial(Path.write_text, data=_toml(schema.plain(pose)), encoding="utf-8")
     write_atomically(Path(path), write, overwrite=overwrite, error=CalibrationError)
@@ -338,6 +330,25 @@ class BlockShape:
         n_x, n_y = self.level.shape
         return np.array([n_x * PITCH, n_y * PITCH, BASE + self.level.max() * self.step])
 
+    def stl(self) -> bytes:
+        """Binary STL in millimetres, closed and all facets outward."""
+        facets = np.array(_facets(self), dtype=np.float64) * 1e3
+        normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        kind = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("more", "<u2")])
+        table = np.zeros(len(facets), dtype=kind)
+        table["normal"], table["vertices"] = normal, facets
+        head = f"truejoint block for {self.robot.name}, mm".encode()[:80].ljust(80)
+        return head + len(facets).to_bytes(4, "little") + table.tobytes()
+
+    def map(self) -> str:
+        """Numbers of the dimples from above, as comments of a block's file."""
+        numbers = np.zeros(self.level.shape, dtype=np.int64)
+        numbers[self.reached] = np.arange(1, self.reached.sum() + 1)
+        rows = ["".join(f"{k or '.':>4}" for k in row) for row in numbers.T[::-1].tolist()]
+        head = "# Numbers of the dimples from above, x to the right, y up:"
+        return "\n".join([head, *(f"# {row}" for row in rows)]) + "\n"
+
     def block(self) -> Block:
         """Points of the dimples, numbered row by row, and the length to measure: along x."""
         tops = self.tops[self.reached]
@@ -365,8 +376,7 @@ def design_block(robot: Robot) -> BlockShape:
     chain, space = as_robot(robot).kinematics, robot.workspace
     if chain is None or space is None:
         raise CalibrationError(
-            f"{robot.title}: a block takes known kinematics and a workspace; give its robot file "
-            "the tables [kinematics] and [workspace]"
+            f"{robot.title}: its file needs [kinematics] and [workspace], which size a block"
         )
     columns, pose = robot.index(space.joints), robot.home.copy()
     pose[columns] = space.centre
@@ -397,44 +407,10 @@ def design_block(robot: Robot) -> BlockShape:
     shape = max(shapes, key=lambda each: each.reached.sum())
     if shape.reached.sum() < 12:
         raise CalibrationError(
-            f"{robot.title}: only {shape.reached.sum()} dimples of a block can be reached within "
-            "its workspace; widen it in the robot file"
+            f"{robot.title}: only {shape.reached.sum()} dimples of a block can be reached; widen "
+            "the workspace in its file"
         )
     return shape
-
-
-def block_stl(shape: BlockShape) -> bytes:
-    """Block as a binary STL in millimetres, closed and all facets outward.
-
-    Examples
-    --------
-    >>> shape = design_block(truejoint.get_robot("raven2"))
-    >>> len(block_stl(shape)) % 50 == 84 % 50
-    True
-    """
-    facets = np.array(_facets(shape), dtype=np.float64) * 1e3
-    normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    kind = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("more", "<u2")])
-    table = np.zeros(len(facets), dtype=kind)
-    table["normal"], table["vertices"] = normal, facets
-    head = f"truejoint block for {shape.robot.name}, mm".encode()[:80].ljust(80)
-    return head + len(facets).to_bytes(4, "little") + table.tobytes()
-
-
-def block_map(shape: BlockShape) -> str:
-    """Numbers of the dimples from above, as comments of a block's file: x to the right, y up.
-
-    Examples
-    --------
-    >>> print(block_map(design_block(truejoint.get_robot("raven2"))).splitlines()[0])
-    # Numbers of the dimples from above, x to the right, y up:
-    """
-    numbers = np.zeros(shape.level.shape, dtype=np.int64)
-    numbers[shape.reached] = np.arange(1, shape.reached.sum() + 1)
-    rows = ["".join(f"{k or '.':>4}" for k in row) for row in numbers.T[::-1].tolist()]
-    head = "# Numbers of the dimples from above, x to the right, y up:"
-    return "\n".join([head, *(f"# {row}" for row in rows)]) + "\n"
 
 
 def _frame(robot: Robot, chain: Kinematics, pose: Array, tip: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.robots import Robot
 from truejoint.robots.parts import Kinematics
@@ -27,8 +27,6 @@ POSE: Final = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 MARKER: Final = ("marker x", "marker y", "marker z")
 SCALE: Final = "scale"
 TURN: Final = ("marker turn x", "marker turn y", "marker turn z")
-
-
 HUBER: Final = 2.8
 """Whitened residuals longer than this get Huber's weight; one good residual in twenty is."""
 GATE: Final = 4.5
@@ -96,16 +94,10 @@ class TipPrior:
 
     @classmethod
     def of(
-        cls,
-        state: TipState,
-        terms: ArrayLike,
-        *,
-        pose: ArrayLike = np.inf,
-        marker: ArrayLike = 0.0,
-        scale: float = 0.0,
-        turn: float = 0.0,
+        cls, state: TipState, terms: ArrayLike, *, pose: ArrayLike = np.inf,
+        marker: ArrayLike = 0.0, scale: float = 0.0, turn: float = 0.0,
         pose_precision: Array | None = None,
-    ) -> TipPrior:
+    ) -> TipPrior:  # fmt: skip
         """Prior of independent parameters by their standard deviations.
 
         A deviation is infinite where nothing is known, and 0 where the parameter is held.
@@ -126,15 +118,12 @@ class TipPrior:
 class Equations(NamedTuple):
     """Residuals of rows at one state, and their Jacobians; d is 3, or 6 with orientations."""
 
-    residual: Array
-    """Predicted less stated points, then turns: (m, d) [m, rad]."""
-    by_parameter: Array
-    """Shape (m, d, n)."""
-    by_joint: Array
-    """By all joints of the kinematics, (m, d, n_joints)."""
+    residual: Array  # (m, d), predicted less stated points, then turns [m, rad]
+    by_parameter: Array  # (m, d, n)
+    by_joint: Array  # (m, d, n_joints), by all joints of the kinematics
 
-    def whitening(self, joint_sd: Array, sd: Array) -> Array:
-        """Matrices (m, d, d) that turn residuals into numbers of deviation 1.
+    def whitened(self, joint_sd: Array, sd: Array) -> Whitened:
+        """Give the equations in standard deviations; all rows weigh alike.
 
         Of independent errors `joint_sd` (n_joints,) [rad or m] of the joints and `sd` (d,), or of
         all alike, of what is seen [m, rad].
@@ -143,7 +132,20 @@ class Equations(NamedTuple):
         covariance = spread @ spread.transpose(0, 2, 1)
         diagonal = range(self.residual.shape[1])
         covariance[:, diagonal, diagonal] += sd**2
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+        whitening = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+        residual = np.einsum("mij,mj->mi", whitening, self.residual)
+        weight = np.ones(len(residual))
+        return Whitened(self, whitening, residual, whitening @ self.by_parameter, weight)
+
+
+class Whitened(NamedTuple):
+    """Equations in standard deviations, with a weight for each row."""
+
+    equations: Equations
+    whitening: Array  # (m, d, d)
+    residual: Array  # (m, d)
+    jacobian: Array  # (m, d, n)
+    weight: Array  # (m,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,26 +174,15 @@ class TipRows:
     def __post_init__(self) -> None:
         arrays = self.joint, self.basis, self.point, self.joint_sd
         if not all(np.isfinite(array).all() for array in arrays):
-            raise CalibrationError(
-                "positions and points of the tool must be finite; leave out rows"
-            )
+            raise CalibrationError("positions and points must be finite; leave out rows")
         if not 0.0 < self.point_sd < np.inf:
-            raise CalibrationError(
-                f"points are within {self.point_sd} m of where they are stated; give a deviation "
-                "above 0"
-            )
+            raise CalibrationError(f"points err by {self.point_sd} m; give a deviation above 0")
 
     @classmethod
     def of(
-        cls,
-        robot: Robot,
-        joint: Array,
-        corrected: Sequence[str],
-        basis: Array,
-        point: Array,
-        point_sd: float,
-        corrected_sd: Array,
-    ) -> TipRows:
+        cls, robot: Robot, joint: Array, corrected: Sequence[str], basis: Array, point: Array,
+        point_sd: float, corrected_sd: Array,
+    ) -> TipRows:  # fmt: skip
         """Rows of a robot's tool, where deviations `corrected_sd` stay of the joints `corrected`.
 
         Raises RobotError where its kinematics are not known.
@@ -271,8 +262,7 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
     spread = np.linalg.svd(point - point.mean(axis=0), compute_uv=False) if len(point) > 2 else [0]
     if not (len(spread) > 1 and spread[1] > 1e-3 * spread[0] > 0.0):
         raise CalibrationError(
-            f"{len(point)} points leave the pose of their frame open; give three or more that do "
-            "not lie in one line"
+            f"{len(point)} points leave the pose of their frame open; give three, not in one line"
         )
     turn = Rotation.align_vectors(tip - tip.mean(axis=0), point - point.mean(axis=0))[0].as_matrix()
     return turn, tip.mean(axis=0) - turn @ point.mean(axis=0)
@@ -315,23 +305,6 @@ class TipFit:
         return np.asarray(self.weight == 0.0)
 
 
-class Whitened(NamedTuple):
-    """Equations in standard deviations, with a weight for each row."""
-
-    equations: Equations
-    whitening: Array  # (m, d, d)
-    residual: Array  # (m, d)
-    jacobian: Array  # (m, d, n)
-    weight: Array  # (m,)
-
-    @classmethod
-    def of(cls, equations: Equations, whitening: Array) -> Whitened:
-        """Whiten equations; all rows weigh alike."""
-        residual = np.einsum("mij,mj->mi", whitening, equations.residual)
-        jacobian = whitening @ equations.by_parameter
-        return cls(equations, whitening, residual, jacobian, np.ones(len(residual)))
-
-
 def normal_equations(prior: TipPrior, state: TipState, whitened: Whitened) -> tuple[Array, Array]:
     """Give the normal matrix (n, n) and gradient (n,) of the weighted rows and the prior."""
     jacobian = whitened.jacobian
@@ -341,25 +314,26 @@ def normal_equations(prior: TipPrior, state: TipState, whitened: Whitened) -> tu
     return prior.precision + weighted @ flat, gradient
 
 
-def inverted(normal: Array, prior: TipPrior, free: Integers) -> Array:
-    """Invert the normal matrix of the `free` parameters, which are of very different size.
+def inverted(normal: Array, names: Sequence[str], free: Mask) -> Array:
+    """Invert the normal matrix of the `free` parameters (n,), of very different size; 0 elsewhere.
 
-    Raises CalibrationError naming parameters that stay open.
+    Raises CalibrationError with the `names` of parameters that stay open.
     """
-    size = np.sqrt(np.diag(normal))
+    block, names = np.ix_(free, free), np.array(names)[free].tolist()
+    size = np.sqrt(np.diag(normal)[free])
     if not (size > 0.0).all():
-        name = prior.state.names[free[int(np.argmin(size))]]
-        raise CalibrationError(f"the points say nothing of {name}")
-    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+        raise CalibrationError(f"the points say nothing of {names[int(np.argmin(size))]}")
+    values, vectors = np.linalg.eigh(normal[block] / np.outer(size, size))
     if values[0] < _OPEN * values[-1]:
         share = np.abs(vectors[:, 0])
-        names = prior.state.names
-        open_ = [names[free[i]] for i in np.argsort(-share)[:4] if share[i] > 0.2]
+        open_ = ", ".join(names[i] for i in np.argsort(-share)[:4] if share[i] > 0.2)
         raise CalibrationError(
-            f"the points leave open {', '.join(open_)} together; touch more, from other sides, or "
-            "state what is known"
+            f"the points leave open {open_} together; touch more, from other sides, or state what "
+            "is known"
         )
-    return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
+    inverse = np.zeros_like(normal)
+    inverse[block] = (vectors / values) @ vectors.T / np.outer(size, size)
+    return inverse
 
 
 def fit_rows(
@@ -414,7 +388,7 @@ def whiten_rows(rows: TipRows, inlier: Mask, state: TipState, gate: float = np.i
     if rows.alike is not None:
         length, noise = noise_of(equations.residual)
         sd = np.repeat(noise * np.sqrt(rows.alike), 3)
-    white = Whitened.of(equations, equations.whitening(rows.joint_sd, sd))
+    white = equations.whitened(rows.joint_sd, sd)
     distance = np.linalg.norm(white.residual, axis=1)
     if rows.alike is not None:
         distance = (length / noise).max(axis=1)
@@ -426,15 +400,14 @@ def _fit_inliers(
     rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask, gate: float = np.inf
 ) -> TipFit:
     """Fit to the inliers with Huber's weights, and judge every point."""
-    free = np.flatnonzero(prior.free)
-    block, is_stated = np.ix_(free, free), rows.alike is None
+    is_stated, names = rows.alike is None, prior.state.names
     settled = _SETTLED if is_stated else _NEARLY
     for _ in range(_MOST_STEPS):
         normal, gradient = normal_equations(prior, state, whiten_rows(rows, inlier, state, gate))
-        inverse, step = inverted(normal[block], prior, free), np.zeros(len(prior.free))
-        step[free] = -inverse @ gradient[free]
+        inverse = inverted(normal, names, prior.free)
+        step = -inverse @ gradient
         state = state.moved(step)
-        if (np.abs(step[free]) <= settled * np.sqrt(np.diag(inverse))).all():
+        if (np.abs(step) <= settled * np.sqrt(np.diag(inverse))).all():
             break
     else:
         if is_stated:
@@ -443,9 +416,7 @@ def _fit_inliers(
             )
     white = whiten_rows(rows, inlier, state, gate)
     jacobian, residual, weight = white.jacobian, white.residual, white.weight
-    covariance = np.zeros_like(normal)
-    normal, _ = normal_equations(prior, state, white)
-    covariance[block] = inverted(normal[block], prior, free)
+    covariance = inverted(normal_equations(prior, state, white)[0], names, prior.free)
     # What the fit of the others expects of each point: its own share is taken out of the normal
     # equations (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
     one, leverage = np.eye(residual.shape[1]), jacobian @ covariance @ jacobian.transpose(0, 2, 1)
@@ -456,6 +427,6 @@ def _fit_inliers(
     off = prior.state.minus(state)
     misfit = float((weight[:, None] * residual**2).sum() + off @ prior.precision @ off)
     rank = int(np.linalg.matrix_rank(prior.precision, hermitian=True))
-    freedom = 3 * int(inlier.sum()) + rank - len(free)
+    freedom = 3 * int(inlier.sum()) + rank - int(prior.free.sum())
     residuals = white.equations.residual, distance, weight
     return TipFit(rows, prior, state, covariance, *residuals, misfit, freedom)

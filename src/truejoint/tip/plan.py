@@ -14,7 +14,7 @@ from truejoint.robots.chain import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip import touch
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import TipPrior, TipRows
+from truejoint.tip.fit import TipPrior, TipRows, whiten_rows
 from truejoint.tip.terms import LEFT, Terms, check_prior, spread_of, wide_priors
 
 if TYPE_CHECKING:
@@ -103,8 +103,7 @@ def design_pose(block: Block, robot: Robot) -> BlockPose:
     """
     if block.robot != robot.name:
         raise CalibrationError(
-            f"block {block.name} is for {block.robot}, the model is of {robot.title}; design one "
-            "for it"
+            f"block {block.name} is for {block.robot}, not {robot.title}; design one for it"
         )
     spread = np.diag(np.repeat(np.square(STAND_SD), 3))
     where = block.rotation, block.translation, spread
@@ -124,10 +123,7 @@ def reachable(robot: Robot, pose: BlockPose) -> tuple[tuple[str, ...], Array]:
     joint, there = reach(robot, goal, seed)
     there &= ((joint >= robot.lower) & (joint <= robot.upper)).all(axis=1)
     if not there.any():
-        raise CalibrationError(
-            f"{robot.title} reaches none of {len(names)} dimples of {pose.title}: the block is out "
-            "of reach"
-        )
+        raise CalibrationError(f"all dimples of {pose.title} are out of reach; move the block")
     return tuple(n for n, good in zip(names, there, strict=True) if good), joint[there]
 
 
@@ -142,10 +138,8 @@ def choose_touches(rows: TipRows, prior: TipPrior, count: int) -> Integers:
         raise CalibrationError(
             f"{count} touches of {len(rows)} dimples in reach; choose fewer, or print a larger one"
         )
-    free = np.flatnonzero(prior.free)
-    equations = rows.equations(prior.state)
-    whitening = equations.whitening(rows.joint_sd, np.array(rows.point_sd))
-    jacobian = (whitening @ equations.by_parameter)[:, :, free]
+    free, every = np.flatnonzero(prior.free), np.ones(len(rows), dtype=np.bool_)
+    jacobian = whiten_rows(rows, every, prior.state).jacobian[:, :, free]
     # A little of everything is known, so that the first touches count for something.
     size = np.einsum("mia,mia->a", jacobian, jacobian) + np.diag(prior.precision)[free]
     information = prior.precision[np.ix_(free, free)] + 1e-6 * np.diag(size)

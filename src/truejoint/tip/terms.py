@@ -48,6 +48,13 @@ def spread_of(robot: Robot, joints: Sequence[str]) -> Array:
     return np.array([SPREAD[robot.joint(joint).unit] for joint in joints])
 
 
+def measured_joints(recording: Recording) -> Array:
+    """Positions (n, n_joints) of all joints; raises CalibrationError where one is missing."""
+    names = recording.robot.joint_names
+    check_columns(recording, [f"measured/{name}" for name in names], "tip's place takes")
+    return recording.columns("measured", names)
+
+
 @dataclass(frozen=True, eq=False)
 class Terms:
     """Terms of each joint's correction: a zero, slopes and squares of all, plays of its own."""
@@ -64,8 +71,7 @@ class Terms:
         space = robot.workspace
         if space is None:
             raise CalibrationError(f"no workspace of {robot.title} is known; state it in its file")
-        scale = spread_of(robot, space.joints)
-        widths = np.outer(space.extent, WIDTHS)
+        scale, widths = spread_of(robot, space.joints), np.outer(space.extent, WIDTHS)
         return cls(space.joints, space.centre, space.extent / 2, scale, widths)
 
     @classmethod
@@ -77,8 +83,7 @@ class Terms:
         still = [name for name, way in zip(joints, half, strict=True) if not way > 0.0]
         if still:
             raise CalibrationError(
-                f"{', '.join(still)} stand still: nothing tells their truth; move them, or name "
-                "the joints to be found"
+                f"{', '.join(still)} stand still; move them, or name the joints to be found"
             )
         return cls(tuple(joints), (lower + upper) / 2, half, half, np.outer(half, TRACKED_WIDTHS))
 
@@ -109,8 +114,7 @@ class Terms:
 
     def columns_of(self, recording: Recording) -> tuple[Array, Array]:
         """`columns` of a recording; raises CalibrationError where it lacks a joint."""
-        names = [f"measured/{name}" for name in recording.robot.joint_names]
-        check_columns(recording, names, "tip's place takes")
+        measured_joints(recording)
         return self.columns(self.features.compute(recording, default_gap_limit([recording])))
 
     def basis(self, shared: Array, plays: Array) -> Array:
@@ -154,9 +158,9 @@ class Terms:
         `Calibration.correct`, or if it corrects other joints.
         """
         if set(calibration.joints) != set(self.joints):
+            theirs, ours = (", ".join(each.joints) for each in (calibration, self))
             raise CalibrationError(
-                f"the prior {calibration.title} corrects {', '.join(calibration.joints)}; touches "
-                f"correct {', '.join(self.joints)}"
+                f"the prior {calibration.title} corrects {theirs}; touches correct {ours}"
             )
         rows = slice(None, None, max(1, len(recording) // _PROJECTED))
         order = [calibration.joints.index(joint) for joint in self.joints]
@@ -225,8 +229,7 @@ def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> li
             unsure = np.empty(0)
         if unsure.shape != terms.scale.shape or not (unsure >= 0.0).all():
             raise CalibrationError(
-                f"the prior {known.title} was made by touches and does not say how surely it knows "
-                "its zeros; make it again"
+                f"the prior {known.title} does not say how surely it knows its zeros; make it again"
             )
     sd[terms.zeros] = np.hypot(sd[terms.zeros], unsure / terms.scale)
     mean = terms.of_calibration(known, recording)

@@ -8,15 +8,16 @@ import os
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers, floats
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.compatibility import check_columns, source_of
+from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.fit import calibrate
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, other_kind
@@ -25,9 +26,8 @@ from truejoint.estimators.polynomial.learn import Polynomial
 from truejoint.estimators.polynomial.run import of_degree
 from truejoint.files import read_small
 from truejoint.recordings import Recording
-from truejoint.robots import Robot
 from truejoint.tip import accuracy
-from truejoint.tip.accuracy import Split, TipError, Trial
+from truejoint.tip.accuracy import TipError, Trial
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import (
     SCALE,
@@ -37,7 +37,6 @@ from truejoint.tip.fit import (
     TipState,
     align,
     fit_rows,
-    whiten_rows,
 )
 from truejoint.tip.terms import (
     LEFT,
@@ -45,12 +44,12 @@ from truejoint.tip.terms import (
     Terms,
     TermsPrior,
     learned_priors,
+    measured_joints,
     spread_of,
     wide_priors,
 )
 from truejoint.units import shown, with_unit
 
-_NOTHING: Final = np.empty(0)
 FEWEST: Final = 3
 """Touches that re-zero a calibration."""
 FEWEST_OF_BLOCK: Final = 2 * FEWEST
@@ -69,6 +68,7 @@ _SPLITS: Final = 2  # rounds of choosing a prior and splitting the residuals
 _ROUNDS: Final = 5  # of moving the inputs of a model until its output fits
 REST: Final = 0.3
 """Time before a touch's stamp over which positions are averaged [s]."""
+_OTHERWISE: Final = "has the block moved since its pose was found, or is the model of another arm?"
 _SLACK: Final = {"rad": 5e-4, "m": 5e-5}  # by which positions may move within `REST`
 _CALIBRATING: Final = 12  # touches of an unknown arm; half as many with a prior
 _FOLDS: Final = 6
@@ -171,10 +171,9 @@ def read_shots(path: str | os.PathLike[str]) -> tuple[Touches, Block]:
 
 
 def _read_rows(path: Path, names: Sequence[str], content: str, want: str) -> list[list[str]]:
-    """Columns of a CSV file by name, a row each; all but ``dimple`` are numbers.
+    """Columns of a CSV file of some `content`, a row each; all but ``dimple`` are numbers.
 
-    `content` is what the file holds, and `want` what a line is to give, for the errors. Raises
-    CalibrationError naming line and value.
+    Raises CalibrationError naming line and value, and what a line is to give.
     """
     text = read_small(path, CalibrationError, _MAX_BYTES, content).decode("utf-8", "replace")
     try:
@@ -185,16 +184,15 @@ def _read_rows(path: Path, names: Sequence[str], content: str, want: str) -> lis
     if not set(names) <= set(header):
         listed = ",".join(names)
         raise CalibrationError(f"{path}: its first line names {header!r:.60}; want {listed}")
-    rows = []
+    rows, numbers = [], len(names) - ("dimple" in names)
     for number, line in enumerate(lines[1:], 2):
         try:
             if line:
                 rows.append([line[header.index(name)].strip() for name in names])
-                [float(value) for value in rows[-1][: len(names) - ("dimple" in names)]]
+                [float(value) for value in rows[-1][:numbers]]
         except (IndexError, ValueError):
-            raise CalibrationError(
-                f"{path}, line {number}: {','.join(line)!r:.60}; want {want}"
-            ) from None
+            given = f"{path}, line {number}: {','.join(line)!r:.60}"
+            raise CalibrationError(f"{given}; want {want}") from None
     return rows
 
 
@@ -209,22 +207,20 @@ def resting(recording: Recording, touches: Touches) -> list[slice]:
     units = [recording.robot.joint(joint).unit for joint in joints]
     slack = np.array([_SLACK[unit] for unit in units])
     for t, dimple in zip(touches.t, touches.dimple, strict=True):
-        first, last = np.searchsorted(stamps, [t - REST, t], side="right")
+        first, last = np.searchsorted(stamps, [t - REST, t], side="right").tolist()
         if last - first < 2:
             raise CalibrationError(
-                f"{touches.source}: dimple {dimple} is of {t:g} s, but "
-                f"{source_of(recording)} runs from {stamps[0]:.1f} to {stamps[-1]:.1f} s with "
-                f"{last - first} rows there; is it their recording?"
+                f"{touches.source}: {source_of(recording)}, of {stamps[0]:.1f} to {stamps[-1]:.1f} "
+                f"s, has {last - first} rows at dimple {dimple}, {t:g} s; is it their recording?"
             )
         span = np.ptp(measured[first:last], axis=0)
-        if (span > slack).any():
-            k = int(np.argmax(span / slack))
+        k = int(np.argmax(span / slack))
+        if span[k] > slack[k]:
             raise CalibrationError(
                 f"{touches.source}: {joints[k]} moves by {shown(float(span[k]), units[k])} while "
-                f"dimple {dimple} is taken, at {t:g} s; rest for {REST:g} s before the "
-                "stamp"
+                f"dimple {dimple} is taken, at {t:g} s; rest for {REST:g} s before the stamp"
             )
-        rests.append(slice(int(first), int(last)))
+        rests.append(slice(first, last))
     return rests
 
 
@@ -233,26 +229,25 @@ def at_rest(recording: Recording, touches: Touches, values: Array) -> Array:
     return np.array([values[rows].mean(axis=0) for rows in resting(recording, touches)])
 
 
-def check_count(touches: Touches, fewest: int, what: str) -> None:
-    """Refuse touches of fewer dimples, or fewer shots; `what` they are for, in the message."""
+def enough(touches: Touches, fewest: int, what: str, block: Block | None = None) -> Touches:
+    """Touches without those of references of a `block`; `what` they are for, in the message.
+
+    Raises CalibrationError if they are of fewer dimples, or fewer shots.
+    """
     if not isinstance(touches, Touches):
         raise CalibrationError(other_kind(touches, "Touches", "read_touches(path) gives them"))
-    different = len(set(touches.dimple))
-    if different < fewest:
+    references = block.references if block else {}
+    if (different := len({*touches.dimple} - {*references})) < fewest:
         raise CalibrationError(
             f"{touches.source}: {different} different dimples; to {what} it takes {fewest} or more"
         )
+    return touches.among(references, are_in=False)
 
 
 def tip_rows(
-    calibration: Calibration,
-    recording: Recording,
-    touches: Touches,
-    block: Block,
-    *,
-    touch_sd: float = TOUCH_SD,
-    joint_sd: Array = _NOTHING,
-) -> TipRows:
+    calibration: Calibration, recording: Recording, touches: Touches, block: Block, *,
+    touch_sd: float = TOUCH_SD, joint_sd: Array | None = None,
+) -> TipRows:  # fmt: skip
     """Rows of touches with corrected positions, in an offset a joint.
 
     `touch_sd` [m] is the standard deviation of a tip from its dimple, per axis; `joint_sd`
@@ -262,31 +257,22 @@ def tip_rows(
     """
     if calibration.effort_baseline is None:
         raise CalibrationError(
-            f"the calibration of {calibration.title} does not say how large its errors are; "
-            "calibrate it again"
+            f"{calibration.title}: the model does not say how large its errors are; make it again"
         )
-    robot, n = recording.robot, len(calibration.joints)
-    check_columns(
-        recording, [f"measured/{name}" for name in robot.joint_names], "tip's place takes"
-    )
-    joint = recording.columns("measured", robot.joint_names)
+    robot, n, joint = recording.robot, len(calibration.joints), measured_joints(recording)
+    if joint_sd is None or len(joint_sd) != n:
+        joint_sd = calibration.effort_baseline.residual
     joint[:, robot.index(calibration.joints)] = calibration.correct(recording)
-    basis = np.tile(np.eye(n), (len(touches), 1, 1))
     return TipRows.of(
-        robot, at_rest(recording, touches, joint), calibration.joints, basis,
-        block.at(touches.dimple), touch_sd,
-        joint_sd if len(joint_sd) == n else calibration.effort_baseline.residual,
+        robot, at_rest(recording, touches, joint), calibration.joints,
+        np.tile(np.eye(n), (len(touches), 1, 1)), block.at(touches.dimple), touch_sd, joint_sd,
     )  # fmt: skip
 
 
 def find_block(
-    calibration: Calibration,
-    recording: Recording,
-    touches: Touches,
-    block: Block,
-    *,
+    calibration: Calibration, recording: Recording, touches: Touches, block: Block, *,
     touch_sd: float = TOUCH_SD,
-) -> tuple[BlockPose, TipFit]:
+) -> tuple[BlockPose, TipFit]:  # fmt: skip
     """Find where a bolted block stands, by touches on the day of the full calibration.
 
     The size of the print is estimated too, about what the calliper says. Returns the pose, and the
@@ -303,20 +289,16 @@ def find_block(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
-    working = touches.among(block.references, are_in=False)
-    check_count(working, FEWEST_OF_BLOCK, "find a block's pose")
+    working = enough(touches, FEWEST_OF_BLOCK, "find a block's pose", block)
     rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd)
     dimple = np.array(touches.dimple)
-    fit = fit_block(rows.rows(~np.isin(dimple, list(block.references))), block)
-    _check_misfit(fit, working)
+    fit = fit_block(rows.rows(np.isin(dimple, working.dimple)), block)
+    if words := _misfit(fit):
+        raise CalibrationError(f"{working.source}: {words}")
     robot, state, k = recording.robot, fit.state, len(fit.state.coefficients)
     found = rows.point + rows.residual(state) / state.scale
-    references = {
-        name: found[dimple == name].mean(axis=0)
-        for name in dict.fromkeys(touches.dimple)
-        if name in block.references
-    }
+    known = [name for name in dict.fromkeys(touches.dimple) if name in block.references]
+    references = {name: found[dimple == name].mean(axis=0) for name in known}
     pose = BlockPose(
         replace(block, references=references), robot.name, robot.arm, state.rotation,
         state.translation, fit.covariance[k : k + 6, k : k + 6], state.scale, float(fit.sd[k + 9]),
@@ -351,13 +333,9 @@ def zero_prior(pose: BlockPose, offset_sd: Array, moved: Array | float = 0.0) ->
 
 
 def zero_by_touch(
-    calibration: Calibration,
-    recording: Recording,
-    touches: Touches,
-    pose: BlockPose,
-    *,
+    calibration: Calibration, recording: Recording, touches: Touches, pose: BlockPose, *,
     touch_sd: float = TOUCH_SD,
-) -> tuple[Zero, TipFit]:
+) -> tuple[Zero, TipFit]:  # fmt: skip
     """Zero of a calibration by touches, for `Calibration.at`, and the fit that it is of.
 
     An offset of each joint is fitted to touches of a block whose pose is known, with its own
@@ -376,7 +354,7 @@ def zero_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, FEWEST, "re-zero")
+    enough(touches, FEWEST, "re-zero")
     check_pose(calibration, pose)
     rezeroed = calibration.for_rezeroing
     before, homing = rezeroed.offset, spread_of(calibration.machine, calibration.joints)
@@ -391,8 +369,7 @@ def zero_by_touch(
             joint = recording.robot.joint(calibration.joints[k])
             raise CalibrationError(
                 f"{touches.source}: the zero of {joint.name} would move by "
-                f"{shown(float(moved[k]), joint.unit)}, more than a homing does; has the block "
-                "moved since its pose was found, or is the model of another arm?"
+                f"{shown(float(moved[k]), joint.unit)}, more than a homing does; {_OTHERWISE}"
             )
         rezeroed = rezeroed.shifted(moved)
         # Outputs whose inputs are moved go about as far, but not just as far.
@@ -401,21 +378,17 @@ def zero_by_touch(
     offset = rezeroed.offset - before
     move = _unnoticed_move(fit, pose, touches, offset)
     loose = zero_prior(pose, np.full(len(offset), np.inf), move)
+    sd, origin = fit_rows(rows, loose, start=fit.state).sd[: len(offset)], recording.provenance
     zero = Zero(
-        offset,
-        fit_rows(rows, loose, start=fit.state).sd[: len(offset)],
-        source="touch",
-        file=recording.provenance.source,
-        homing_id=recording.provenance.homing_id,
-        rows=len(touches),
-        duration=touches.t[-1] - touches.t[0],
+        offset, sd, source="touch", file=origin.source, homing_id=origin.homing_id,
+        rows=len(touches), duration=touches.t[-1] - touches.t[0],
         baselines=dict.fromkeys(rezeroed.fitted_baselines, offset),
         details={
             "block": pose.title,
             "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
             "unnoticed_move": float(np.sqrt(np.trace(move[3:, 3:]))),
         },
-    )
+    )  # fmt: skip
     return zero, fit
 
 
@@ -426,11 +399,7 @@ def _fit_bolted(rows: TipRows, pose: BlockPose, touches: Touches, homing: Array)
 
     def words(fit: TipFit) -> str:
         now, then = (at.rotation @ point + at.translation for at in (fit.state, pose))
-        far = with_unit(float(np.linalg.norm(now - then)), "m")
-        return (
-            f"when the block has moved by {far} since its pose was found: bolt it down, and find "
-            "its pose anew with a fresh calibration"
-        )
+        return _has_moved(now - then)
 
     working = ~np.isin(touches.dimple, list(pose.block.references))
     against = [] if working.all() else [("against its references", working)]
@@ -439,16 +408,21 @@ def _fit_bolted(rows: TipRows, pose: BlockPose, touches: Touches, homing: Array)
         accuracy.renumbered(rows, pose.block, touches.dimple, lambda _: still),
         accuracy.moved(rows, still, "the block", against),
     )
-    trouble = None
     try:
         fit = fit_rows(rows, zero_prior(pose, np.full(len(homing), np.inf)))
-        _check_misfit(fit, touches)
+        trouble = _misfit(fit)
     except CalibrationError as error:
-        trouble = error
-    accuracy.check_faults(touches.source, rows, still, trials, np.arange(len(rows)))
-    if trouble is not None:
-        raise trouble
+        trouble = str(error)
+    accuracy.check_faults(touches.source, rows, still, trials, np.arange(len(rows)), trouble)
     return fit
+
+
+def _has_moved(step: Array, against: str = "") -> str:
+    far = with_unit(float(np.linalg.norm(step)), "m")
+    return (
+        f"when the block has moved by {far}{against} since its pose was found: bolt it down, and "
+        "find its pose anew with a fresh calibration"
+    )
 
 
 def _unnoticed_move(fit: TipFit, pose: BlockPose, touches: Touches, offset: Array) -> Array:
@@ -462,17 +436,12 @@ def _unnoticed_move(fit: TipFit, pose: BlockPose, touches: Touches, offset: Arra
     seen = np.eye(3) * _UNNOTICED[1] ** 2 + np.outer(way, way) * _PASSES**2
     still = np.isin(touches.dimple, list(pose.block.references))
     if still.any() and not still.all():
-        off, information = accuracy.shift_of(fit, ~still)
         # The references' own places were found by as many touches.
-        white = whiten_rows(fit.rows, still, fit.state)
-        turned = white.whitening.transpose(0, 2, 1) * white.weight[:, None, None]
-        spread = np.linalg.inv(information) + np.linalg.inv((turned @ white.whitening).sum(axis=0))
+        (*_, own), (off, information, _) = (accuracy.shift_of(fit, k) for k in (still, ~still))
+        spread = np.linalg.inv(information) + np.linalg.inv(own)
         if off @ np.linalg.solve(spread, off) > _MOVES:
-            raise CalibrationError(
-                f"{touches.source}: the points fit only when the block has moved by "
-                f"{with_unit(float(np.linalg.norm(off)), 'm')} against its references since its "
-                "pose was found: bolt it down, and find its pose anew with a fresh calibration"
-            )
+            words = _has_moved(off, " against its references")
+            raise CalibrationError(f"{touches.source}: the points fit only {words}")
         seen = np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(seen))
     share = np.trace(seen) / (3.0 * _UNNOTICED[1] ** 2)
     covariance = np.diag(np.repeat([share * _UNNOTICED[0] ** 2, 0.0], 3))
@@ -484,25 +453,21 @@ def check_pose(calibration: Calibration, pose: BlockPose) -> None:
     """Refuse a block's pose in another arm's base, or one that another calibration found."""
     if (calibration.robot, calibration.arm) != (pose.robot, pose.arm):
         raise CalibrationError(
-            f"the model is of {calibration.title}, the block's pose {pose.title}; find the pose "
-            "with this model"
+            f"the model is of {calibration.title}, the pose {pose.title}; find it with this model"
         )
-    sha = str(calibration.metadata.get("data_sha256", ""))
-    if pose.model_sha256 and sha != pose.model_sha256:
+    if pose.model_sha256 not in ("", str(calibration.metadata.get("data_sha256", ""))):
         raise CalibrationError(
-            f"the pose of {pose.title} was found with another calibration than this model; find it "
-            "with this one, on the day of its full calibration"
+            f"the pose of {pose.title} was found with another calibration; find it with this "
+            "model, on the day of its full calibration"
         )
 
 
-def _check_misfit(fit: TipFit, touches: Touches) -> None:
-    """Refuse a fit whose residuals are beyond what touches and model leave."""
-    if fit.misfit > _MISFIT * max(fit.freedom, 1):
-        rms = np.sqrt((fit.residual[~fit.left_out] ** 2).sum(axis=1).mean())
-        raise CalibrationError(
-            f"{touches.source}: the touches stay {1e3 * rms:.2f} mm off whatever the zero; has the "
-            "block moved since its pose was found, or is the model of another arm?"
-        )
+def _misfit(fit: TipFit) -> str:
+    """Say how far residuals are beyond what touches and model leave; empty if they are not."""
+    if fit.misfit <= _MISFIT * max(fit.freedom, 1):
+        return ""
+    rms = np.sqrt((fit.residual[~fit.left_out] ** 2).sum(axis=1).mean())
+    return f"the touches stay {1e3 * rms:.2f} mm off whatever the zero; {_OTHERWISE}"
 
 
 def fewest_touches(prior: Calibration | None) -> int:
@@ -512,81 +477,161 @@ def fewest_touches(prior: Calibration | None) -> int:
 
 @dataclass(frozen=True, eq=False)
 class TouchReport:
-    """Accuracy of a calibration by touch, and what the touches did not show.
+    """What a fit of touches found: statement, metadata and page of a calibration are made of it.
 
     Attributes
     ----------
     touches : Touches
+    block : Block
+    terms : Terms
     fit : TipFit
-    left_out_rms : float
-        RMS distance [m] of points from where a fit without them expects them, as it is: the points'
-        own noise is in it.
     tip, workspace : TipError
         Error of the tip [m] in the block's frame, near the touches and over the workspace, by what
         the fit leaves open and what joints keep.
     reach : float
         Share of the workspace that lies amid the touches.
-    is_measured : bool
-        Whether repeats measured the noise; else it is between what was stated and what residuals
-        allow.
+    place : ndarray of int, shape (m,)
+        Repeats of one place share a number.
     stated_noise : float
         Per axis [m].
-    zero_sd : ndarray, shape (n_joints,)
-        Standard deviation of each joint's zero amid the workspace [rad or m].
-    not_seen : tuple of str
-        In words, what only the prior holds.
-    point, before, left_out : ndarray, shape (m, 3)
-        Of each touch its point in the block; the error of the tip by the measured positions, with
-        the block laid over them as well as it can be; and the error by a fit without this touch
-        [m].
+    prior : Calibration, optional
+    is_learned : bool
+        Whether the touches are likeliest under that.
 
     Examples
     --------
-    >>> TouchReport.__dataclass_fields__["zero_sd"].type
-    'Array'
+    >>> TouchReport.__dataclass_fields__["stated_noise"].type
+    'float'
     """
 
     touches: Touches
+    block: Block
+    terms: Terms
     fit: TipFit
-    left_out_rms: float
     tip: TipError
     workspace: TipError
     reach: float
-    is_measured: bool
+    place: Integers
     stated_noise: float
-    zero_sd: Array
-    not_seen: tuple[str, ...]
-    point: Array
-    before: Array
-    left_out: Array
+    prior: Calibration | None
+    is_learned: bool
+
+    @cached_property
+    def before(self) -> Array:
+        """Errors (m, 3) [m] of the tip as measured, with the block laid over it at its best."""
+        fit, point = self.fit, self.fit.rows.point * self.block.scale
+        tip = fit.rows.kinematics.forward(fit.rows.joint)[:, :3, 3]
+        turn, shift = align(tip[~fit.left_out], point[~fit.left_out])
+        return np.asarray((tip - shift) @ turn - point)
+
+    @cached_property
+    def left_out(self) -> Array:
+        """Error (m, 3) [m] of each touch by a fit without it, its repeats and a few others."""
+        fit, rows, inlier = self.fit, self.fit.rows, ~self.fit.left_out
+        fold = np.full(len(rows), _FOLDS)
+        fold[inlier] = np.unique(self.place[inlier], return_inverse=True)[1] % _FOLDS
+        errors = fit.residual.copy()
+        for number in range(_FOLDS):
+            train = rows.rows(inlier & (fold != number))
+            other = fit_rows(train, fit.prior, gate=np.inf, start=fit.state)
+            errors[fold == number] = rows.residual(other.state)[fold == number]
+        return errors
 
     @property
-    def statement(self) -> tuple[str, ...]:
+    def left_out_rms(self) -> float:
+        """RMS of `left_out` without outliers [m]; the points' own noise is in it."""
+        return float(np.sqrt((self.left_out[~self.fit.left_out] ** 2).sum(axis=1).mean()))
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether repeats measured the noise; else what was stated and residuals bound it."""
+        return accuracy.repeat_noise(self.fit, self.place)[1] >= _MEASURED
+
+    @property
+    def zero_sd(self) -> Array:
+        """Standard deviations (n_joints,) of the zeros amid the workspace [rad or m]."""
+        return self.fit.sd[self.terms.zeros] * self.terms.scale
+
+    @property
+    def statement(self) -> tuple[str, str, str]:
         """How far off the tip is, for a person: the raw error first."""
         raw, noise = with_unit(self.left_out_rms, "m"), with_unit(self.fit.rows.point_sd, "m")
         near = f"{with_unit(self.tip.rms, 'm')} ± {with_unit(self.tip.sd, 'm')}"
-        first = f"points left out in turn are {raw} off (RMS), their own noise in it"
-        if self.is_measured:
-            second = f"the tip is {near} off near the touches (noise {noise} per axis, by repeats)"
-        else:
+        second = f"the tip is {near} off near the touches (noise {noise} per axis, by repeats)"
+        if not self.is_measured:
             stated = with_unit(math.sqrt(3.0) * self.stated_noise, "m")
             second = (
                 f"the tip is at most {raw} off near the touches, of which the noise that you "
                 f"stated may be {stated}; by what the fit leaves open {near}"
             )
         far = with_unit(self.workspace.rms, "m")
-        third = f"over the workspace, {self.reach:.0%} of which lies amid the touches, {far}"
-        return first, second, third
+        return (
+            f"points left out in turn are {raw} off (RMS), their own noise in it",
+            second,
+            f"over the workspace, {self.reach:.0%} of which lies amid the touches, {far}",
+        )
+
+    @property
+    def not_seen(self) -> tuple[str, ...]:
+        """In words, what only the prior holds, and how far off it may be."""
+        fit, block, zeros, words = self.fit, self.block, self.terms.zeros, list[str]()
+        before = np.diag(fit.prior.precision)[zeros] ** -0.5
+        for name, sd, known, scale in zip(
+            self.terms.joints, fit.sd[zeros], before, self.terms.scale, strict=True
+        ):
+            unit = "rad" if scale == SPREAD["rad"] else "m"
+            within = with_unit(float(sd * scale), unit)
+            if sd > _SEEN * known:
+                words.append(f"zero of {name}: not seen, assumed within {within}")
+            elif sd > _UNSURE:
+                words.append(f"zero of {name}: ± {within}")
+        size = float(np.sqrt(fit.rows.point.var(axis=0).sum()))
+        if block.scale_sd * size > _WORTH:  # nobody has measured it
+            size_sd = float(fit.sd[fit.state.names.index(SCALE)])
+            share, far = fit.state.scale / block.scale - 1.0, with_unit(size_sd * size, "m")
+            found = f"{100 * share:+.2f} % ± {100 * size_sd:.2f} %"
+            if size_sd > _SIZED * block.scale_sd:
+                found = f"not seen, assumed within {100 * size_sd:.1f} %"
+            found += f", which is {far} of the tip: measure it, and enter measured_mm"
+            words.append(f"size of the print: {found}")
+        elif not self.is_learned:
+            what, far = "print" if block.robot else "frame", with_unit(0.01 * size, "m")
+            found = f"not seen, taken as stated; 1 % of it is {far} of the tip"
+            words.append(f"size of the {what}: {found}")
+        held = np.delete(fit.rows.joint, fit.rows.columns, axis=1)
+        if not block.robot and (np.ptp(held, axis=0) < _STILL).all():
+            words.append(
+                "the marker: whether it sits at the tip is not seen, as roll and wrist stand still"
+            )
+        noise = fit.rows.point_sd
+        if not 1.0 / _ODD < noise / self.stated_noise < _ODD:
+            found, stated = (with_unit(sd, "m") for sd in (noise, self.stated_noise))
+            words.append(f"noise: the residuals say {found} per axis, not {stated} as stated")
+        if self.prior and not self.is_learned:
+            words.append("the prior: the touches are likelier without it, so it was not used")
+        return tuple(words)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What a calibration keeps of it, as JSON values."""
+        state, rows = self.fit.state, self.fit.rows
+        left_out = [self.touches.dimple[i] for i in np.flatnonzero(self.fit.left_out)]
+        return {
+            "touches": len(self.touches), "left_out": left_out, "left_out_rms": self.left_out_rms,
+            "prior": [self.prior.title] if self.prior and self.is_learned else [],
+            "tip_error": self.tip.rms, "tip_error_sd": self.tip.sd,
+            "tip_error_workspace": self.workspace.rms, "reach": self.reach,
+            "noise": rows.point_sd, "noise_is_measured": self.is_measured,
+            "zero_sd": self.zero_sd.tolist(), "joint_sd": rows.corrected_sd.tolist(),
+            "scale": state.scale, "rotation": state.rotation.tolist(),
+            "translation": state.translation.tolist(), "not_seen": list(self.not_seen),
+        }  # fmt: skip
 
 
 def calibrate_by_touch(
-    recording: Recording,
-    touches: Touches,
-    block: Block,
-    *,
-    touch_sd: float = TOUCH_SD,
-    prior: Calibration | None = None,
-) -> tuple[Calibration, TouchReport]:
+    recording: Recording, touches: Touches, block: Block, *,
+    touch_sd: float = TOUCH_SD, prior: Calibration | None = None,
+) -> tuple[Calibration, TouchReport]:  # fmt: skip
     """Fit joints and a block's pose together to touches of its dimples.
 
     Of each positioning joint a constant, slopes and squares of all of them, and plays of its own:
@@ -627,92 +672,46 @@ def calibrate_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, fewest_touches(prior), "calibrate")
-    touches = touches.among(block.points)
-    check_count(touches, fewest_touches(prior), "calibrate")
+    touches = enough(touches, fewest_touches(prior), "calibrate", block)
     terms = Terms.of_workspace(recording.robot)
     shared, plays = terms.columns_of(recording)
     _check_spread(touches, block, terms, at_rest(recording, touches, plays), prior)
-    fitting = fit_terms(recording, touches, block, terms, (shared, plays), prior, touch_sd)
-    fit = fitting.fit
-    report = _report(touches, block, fitting, terms, recording.robot)
-    state, corrected_sd = fit.state, fit.rows.corrected_sd
-    correction = terms.basis(shared, plays) @ state.coefficients
-    table = {"t": recording.t} | {c: recording.column(c) for c in recording.units}
-    for k, joint in enumerate(terms.joints):
-        table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
-    robot = recording.robot
-    whole = Recording.from_columns(table, recording.provenance, recording.units, robot=robot)
-    # Domain, units and baselines are fitted; the touches alone give the model.
-    joints = terms.joints
-    fitted = calibrate([whole], "linear", features=terms.features, joints=joints, redundant=[])
-    data = EstimatorData("polynomial", of_degree(2), terms.arrays(state.coefficients))
-    model = Polynomial.from_data(data, len(terms.features), len(terms.joints))
-    if (baseline := fitted.effort_baseline) is not None:
-        residual = np.hypot(corrected_sd, report.zero_sd)
-        baseline = replace(baseline, residual=residual)
-    calibration = replace(
-        fitted,
-        fitted=data,
-        learnt=None,
-        effort_baseline=baseline,
-        origin=replace(fitted.origin, estimator=model.name),
-    ).with_metadata(
-        settings=" ".join(repr(model).split()),
-        truth="touch",
-        touch={
-            "touches": len(touches),
-            "prior": [prior.title] if prior and fitting.is_learned else [],
-            "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
-            "left_out_rms": report.left_out_rms,
-            "tip_error": report.tip.rms,
-            "tip_error_sd": report.tip.sd,
-            "tip_error_workspace": report.workspace.rms,
-            "reach": report.reach,
-            "noise": fit.rows.point_sd,
-            "noise_is_measured": report.is_measured,
-            "zero_sd": report.zero_sd.tolist(),
-            "joint_sd": corrected_sd.tolist(),
-            "scale": state.scale,
-            "rotation": state.rotation.tolist(),
-            "translation": state.translation.tolist(),
-            "not_seen": list(report.not_seen),
-        },
+    report = fit_terms(recording, touches, block, terms, (shared, plays), prior, touch_sd)
+    fit, joints = report.fit, terms.joints
+    truth = recording.columns("measured", joints)
+    truth = truth + terms.basis(shared, plays) @ fit.state.coefficients
+    columns = dict(zip((f"truth/{joint}" for joint in joints), truth.T, strict=True))
+    whole = Recording.from_columns(
+        {**recording.table, **columns}, recording.provenance, recording.units, robot=recording.robot
     )
-    return calibration, report
-
-
-class TermsFit(NamedTuple):
-    """Terms and a block's pose that fit touches, and what the residuals are made of."""
-
-    fit: TipFit
-    splits: list[Split]
-    place: Integers  # (m,), repeats of one place share a number
-    noise: float  # Stated standard deviation of a touch, per axis [m]
-    has_prior: bool
-    is_learned: bool  # Whether the likeliest prior is of an older calibration
+    # Domain, units and baselines are fitted; the touches alone give the model.
+    fitted = calibrate([whole], "linear", features=terms.features, joints=joints, redundant=[])
+    data = EstimatorData("polynomial", of_degree(2), terms.arrays(fit.state.coefficients))
+    model = Polynomial.from_data(data, len(terms.features), len(joints))
+    baseline = fitted.effort_baseline
+    if baseline is not None:
+        baseline = replace(baseline, residual=np.hypot(fit.rows.corrected_sd, report.zero_sd))
+    origin = replace(fitted.origin, estimator=model.name)
+    made = replace(fitted, fitted=data, learnt=None, effort_baseline=baseline, origin=origin)
+    settings = " ".join(repr(model).split())
+    made = made.with_metadata(settings=settings, truth="touch", touch=report.metadata)
+    return made, report
 
 
 def fit_terms(
-    recording: Recording,
-    touches: Touches,
-    block: Block,
-    terms: Terms,
-    columns: tuple[Array, Array],
-    prior: Calibration | None,
-    touch_sd: float = TOUCH_SD,
-) -> TermsFit:
+    recording: Recording, touches: Touches, block: Block, terms: Terms,
+    columns: tuple[Array, Array], prior: Calibration | None, touch_sd: float = TOUCH_SD,
+) -> TouchReport:  # fmt: skip
     """Fit terms and a block's pose to touches, under the likeliest prior.
 
     `columns` are the terms', of the recording. The points themselves choose the prior, the errors
     that joints keep and what a touch errs (empirical Bayes). Raises as `fit_rows` and `resting`,
-    and CalibrationError for a prior of another arm, and for points that fit only if
-    something is wrong with them, which is named.
+    and CalibrationError for a prior of another arm, and for points that fit only if mirrored,
+    scaled, moved, renumbered or not of the tip, which is named.
     """
     robot = recording.robot
-    measured = recording.columns("measured", robot.joint_names)
     rows = TipRows.of(
-        robot, at_rest(recording, touches, measured), terms.joints,
+        robot, at_rest(recording, touches, measured_joints(recording)), terms.joints,
         at_rest(recording, touches, terms.basis(*columns)),
         block.at(touches.dimple), touch_sd, LEFT * terms.scale,
     )  # fmt: skip
@@ -720,7 +719,7 @@ def fit_terms(
     learned = learned_priors(terms, prior, recording) if prior else []
     expected = [*learned, *wide_priors(terms)]
     candidates = [terms_prior(rows, block, *each) for each in expected]
-    widest = len(learned)
+    widest, is_learned, is_odd = len(learned), False, True
     try:
         fit = accuracy.fit_loosely(rows, candidates[widest])
         for _ in range(_SPLITS):
@@ -729,60 +728,51 @@ def fit_terms(
             splits = accuracy.split_residuals(fit, rows, place)
             fit = accuracy.refitted(fit, rows, splits)
     except CalibrationError as error:
-        _check_points(rows, touches, block, expected[widest], place, str(error))
-        raise
-    is_learned = best < len(learned)
-    likely = expected[best if is_learned else widest]
-    steep = _steep_slope(fit, terms, likely)
-    is_odd = bool(steep) or fit.rows.point_sd > _ODD * touch_sd
-    how = {"is_odd": is_odd, "is_sized": is_learned}
-    _check_points(rows, touches, block, likely, place, steep, **how)
-    return TermsFit(fit, splits, place, touch_sd, prior is not None, is_learned)
+        trouble, likely = str(error), expected[widest]
+    else:
+        is_learned = best < widest
+        likely = expected[best if is_learned else widest]
+        trouble = _steep_slope(fit, terms, likely)
+        is_odd = bool(trouble) or fit.rows.point_sd > _ODD * touch_sd
+
+    def prior_of(each: TipRows) -> TipPrior:
+        return terms_prior(each, block, *likely)
+
+    known = prior_of(rows)
+    what, advice = "the tracker", "check the tracker"
+    if block.robot:
+        what, advice = "the block", "measure the print and enter measured_mm"
+    at = np.arange(len(rows))
+    cuts = at[accuracy.EDGE : len(rows) - accuracy.EDGE + 1]
+    halves = [(f"after {touches.t[k]:.1f} s", at >= k) for k in cuts]
+    trials = [accuracy.off_the_tip(rows, known), *accuracy.moved(rows, known, what, halves)]
+    if is_learned:  # what is expected tells the size
+        trials.append(accuracy.scaled(rows, known, advice))
+    if is_odd:
+        trials.append(accuracy.mirrored(rows, block, prior_of))
+    if is_odd and block.robot:
+        trials += accuracy.renumbered(rows, block, touches.dimple, prior_of)
+    accuracy.check_faults(touches.source, rows, known, trials, place, trouble)
+    everywhere, reach = accuracy.over_workspace(fit, robot)
+    near = np.repeat(fit.rows.joint[~fit.left_out], 4, axis=0)
+    tip, far = (accuracy.tip_error(fit, splits, terms, joint) for joint in (near, everywhere))
+    about = place, touch_sd, prior, is_learned
+    return TouchReport(touches, block, terms, fit, tip, far, reach, *about)
 
 
 def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
     """Say which joint's own slope is away from 1 by more than its prior allows; empty if none."""
     own = [k for k, kind in enumerate(terms.kinds) if kind == "slope"][:: len(terms.joints) + 1]
-    off = (fit.state.coefficients - expected.mean)[own] / expected.sd[own]
-    k = int(np.argmax(np.abs(off)))
-    if abs(off[k]) < _STEEP:
+    found, mean, sd = (a[own] for a in (fit.state.coefficients, expected.mean, expected.sd))
+    k = int(np.argmax(np.abs(found - mean) / sd))
+    if abs(found[k] - mean[k]) < _STEEP * sd[k]:
         return ""
-    per = terms.scale[k] / terms.half[k]
-    middle, reach = 1.0 + per * expected.mean[own[k]], _STEEP * per * expected.sd[own[k]]
+    slope, middle = (1.0 + terms.scale[k] / terms.half[k] * c[k] for c in (found, mean))
+    reach = _STEEP * terms.scale[k] / terms.half[k] * sd[k]
     return (
-        f"the slope of {terms.joints[k]} would be {1 + per * fit.state.coefficients[own[k]]:.2f}, "
-        f"where {middle - reach:.2f} to {middle + reach:.2f} is allowed; are the points of this "
-        "arm?"
+        f"the slope of {terms.joints[k]} would be {slope:.2f}, where {middle - reach:.2f} to "
+        f"{middle + reach:.2f} is allowed; are the points of this arm?"
     )
-
-
-def _check_points(
-    rows: TipRows, touches: Touches, block: Block, expected: TermsPrior, place: Integers,
-    trouble: str, *, is_odd: bool = True, is_sized: bool = False,
-) -> None:  # fmt: skip
-    """Refuse points that fit only if mirrored, scaled, moved, renumbered or not of the tip.
-
-    Where none of that is found, refuse them for their `trouble` if there is one. Mirrors and
-    numbers are tried if the fit `is_odd`, and another size where what is `expected` tells it.
-    """
-
-    def prior_of(each: TipRows) -> TipPrior:
-        return terms_prior(each, block, *expected)
-
-    prior = prior_of(rows)
-    advice = "measure the print and enter measured_mm" if block.robot else "check the tracker"
-    what = "the block" if block.robot else "the tracker"
-    moves = accuracy.moved(rows, prior, what, accuracy.halves(touches.t))
-    trials = [accuracy.off_the_tip(rows, prior), *moves]
-    if is_sized:
-        trials.append(accuracy.scaled(rows, prior, advice))
-    if is_odd:
-        trials.append(accuracy.mirrored(rows, block, prior_of))
-    if is_odd and block.robot:
-        trials += accuracy.renumbered(rows, block, touches.dimple, prior_of)
-    accuracy.check_faults(touches.source, rows, prior, trials, place)
-    if trouble:
-        raise CalibrationError(f"{touches.source}: {trouble}")
 
 
 def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior:
@@ -816,87 +806,3 @@ def _check_spread(
                 f"{touches.source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} "
                 "of the touches, which hides what its cable loses; come from both"
             )
-
-
-def _report(
-    touches: Touches, block: Block, fitting: TermsFit, terms: Terms, robot: Robot
-) -> TouchReport:
-    fit, splits = fitting.fit, fitting.splits
-    rows, off, inlier = fit.rows, _held_out_errors(fit, fitting.place), ~fit.left_out
-    uncorrected = replace(fit.state, coefficients=np.zeros(len(fit.state.coefficients)))
-    tip = rows.tool_points(uncorrected)[1]
-    turn, shift = align(tip[inlier], rows.point[inlier] * block.scale)
-    everywhere, reach = accuracy.over_workspace(fit, robot)
-    near = np.repeat(rows.joint[inlier], 4, axis=0)
-    return TouchReport(
-        touches=touches,
-        fit=fit,
-        left_out_rms=float(np.sqrt((off[inlier] ** 2).sum(axis=1).mean())),
-        tip=accuracy.tip_error(fit, splits, terms, near),
-        workspace=accuracy.tip_error(fit, splits, terms, everywhere),
-        reach=reach,
-        is_measured=accuracy.repeat_noise(fit, fitting.place)[1] >= _MEASURED,
-        stated_noise=fitting.noise,
-        zero_sd=fit.sd[terms.zeros] * terms.scale,
-        not_seen=tuple(_unseen(block, fitting, terms)),
-        point=rows.point,
-        before=(tip - shift) @ turn - rows.point * block.scale,
-        left_out=off,
-    )
-
-
-def _held_out_errors(fit: TipFit, place: Integers) -> Array:
-    """Error of each touch (m, 3) [m] by a fit without it, its repeats and a few others."""
-    rows, inlier = fit.rows, ~fit.left_out
-    fold = np.full(len(rows), _FOLDS)
-    fold[inlier] = np.unique(place[inlier], return_inverse=True)[1] % _FOLDS
-    errors = fit.residual.copy()
-    for number in range(_FOLDS):
-        train = rows.rows(inlier & (fold != number))
-        other = fit_rows(train, fit.prior, gate=np.inf, start=fit.state)
-        errors[fold == number] = rows.residual(other.state)[fold == number]
-    return errors
-
-
-def _unseen(block: Block, fitting: TermsFit, terms: Terms) -> list[str]:
-    """Say in words what the touches did not show, and how far off it may be."""
-    fit = fitting.fit
-    words = []
-    prior_sd = 1.0 / np.sqrt(np.diag(fit.prior.precision)[terms.zeros])
-    rows = zip(terms.joints, fit.sd[terms.zeros], prior_sd, terms.scale, strict=True)
-    for joint, sd, before, scale in rows:
-        within = with_unit(float(sd * scale), "rad" if scale == SPREAD["rad"] else "m")
-        if sd > _SEEN * before:
-            words.append(f"zero of {joint}: not seen, assumed within {within}")
-        elif sd > _UNSURE:
-            words.append(f"zero of {joint}: ± {within}")
-    point = fit.rows.point
-    size = float(np.sqrt(((point - point.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    if block.scale_sd * size > _WORTH:  # nobody has measured it
-        size_sd = float(fit.sd[fit.state.names.index(SCALE)])
-        share = f"{100 * (fit.state.scale / block.scale - 1.0):+.2f} % ± {100 * size_sd:.2f} %"
-        if size_sd > _SIZED * block.scale_sd:
-            share = f"not seen, assumed within {100 * size_sd:.1f} %"
-        words.append(
-            f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "
-            "measure it, and enter measured_mm"
-        )
-    elif not fitting.is_learned:
-        words.append(
-            f"size of the {'print' if block.robot else 'frame'}: not seen, taken as stated; 1 % of "
-            f"it is {with_unit(0.01 * size, 'm')} of the tip"
-        )
-    held = np.delete(fit.rows.joint, fit.rows.columns, axis=1)
-    if not block.robot and (np.ptp(held, axis=0) < _STILL).all():
-        words.append(
-            "the marker: whether it sits at the tip is not seen, as roll and wrist stand still"
-        )
-    noise = fit.rows.point_sd
-    if not 1.0 / _ODD < noise / fitting.noise < _ODD:
-        words.append(
-            f"noise: the residuals say {with_unit(noise, 'm')} per axis, not "
-            f"{with_unit(fitting.noise, 'm')} as stated"
-        )
-    if fitting.has_prior and not fitting.is_learned:
-        words.append("the prior: the touches are likelier without it, so it was not used")
-    return words

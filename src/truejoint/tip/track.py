@@ -170,8 +170,7 @@ class Registration:
             raise CalibrationError("marker.sd_mm is missing; state its deviation")
         if (self.touched_sd is None) != (not self.touched):
             raise CalibrationError(
-                "touched_sd_mm and touched points belong together; give both, [[touched]] for each "
-                "point, or neither"
+                "touched_sd_mm and touched points belong together; give both, or neither"
             )
 
     def known_base(self) -> tuple[Array | None, Array]:
@@ -310,14 +309,9 @@ def _listed(values: Array, form: str) -> str:
 
 
 def tracked_truth(
-    recording: Recording,
-    track: Track,
-    registration: Registration | None = None,
-    joints: Sequence[str] = (),
-    *,
-    offset: float | None = None,
-    near: float | None = None,
-) -> tuple[Recording, Registered]:
+    recording: Recording, track: Track, registration: Registration | None = None,
+    joints: Sequence[str] = (), *, offset: float | None = None, near: float | None = None,
+) -> tuple[Recording, Registered]:  # fmt: skip
     """Give a recording the truth of its joints that a tracker saw from outside.
 
     The delay is estimated coarsely as in `join_truth`, by the path of the tool in any frame. Then
@@ -397,20 +391,12 @@ def tracked_truth(
     joined, _ = join_truth(recording, Stream(track.t[inlier], columns), clock.seconds)
     registered = Registered(
         base_from_tracker=pose_matrix(fit.state.rotation, fit.state.translation) @ base,
-        base_sd=np.array(sds[:6]),
-        link=link,
+        base_sd=np.array(sds[:6]), link=link,
         link_from_marker=pose_matrix(fit.state.turn, fit.state.marker),
-        marker_sd=np.array(sds[6:9]),
-        clock=clock,
-        noise=fit.rows.point_sd,
-        joints=names,
-        units=tuple(robot.joint(name).unit for name in names),
-        noise_deviation=noise_sd,
-        pose_deviation=pose_sd,
-        readings=len(rows),
-        strays=strays,
-        stretches=stretches,
-    )
+        marker_sd=np.array(sds[6:9]), clock=clock, noise=fit.rows.point_sd, joints=names,
+        units=tuple(robot.joint(name).unit for name in names), noise_deviation=noise_sd,
+        pose_deviation=pose_sd, readings=len(rows), strays=strays, stretches=stretches,
+    )  # fmt: skip
     return _described(joined, registered, track), registered
 
 
@@ -429,21 +415,15 @@ def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
 
 def _described(joined: Recording, registered: Registered, track: Track) -> Recording:
     """Note in a recording's provenance where its truth is from, and what was dropped."""
-    about, stretches = registered.summary(), registered.stretches
-    notes = [
-        joined.provenance.notes,
-        f"truth of a tracker, {track.source}: registered {about['± (1 sd)']}; truth ± "
-        f"{about['truth ±']}",
-        *(f"left out: {stretch}" for stretch in stretches),
-    ]
-    dropped = {
-        **joined.provenance.dropped,
-        **track.dropped,
-        "tracker: strays": registered.strays,
-        "tracker: off for a while": sum(stretch.readings for stretch in stretches),
-    }
+    about, origin, stretches = registered.summary(), joined.provenance, registered.stretches
+    found = f"registered {about['± (1 sd)']}; truth ± {about['truth ±']}"
+    left_out = [f"left out: {stretch}" for stretch in stretches]
+    notes = [origin.notes, f"truth of a tracker, {track.source}: {found}", *left_out]
+    off = sum(stretch.readings for stretch in stretches)
+    tracker = {"tracker: strays": registered.strays, "tracker: off for a while": off}
+    dropped = {**origin.dropped, **track.dropped, **tracker}
     text = "; ".join(filter(None, notes))
-    return replace(joined, provenance=replace(joined.provenance, notes=text, dropped=dropped))
+    return replace(joined, provenance=replace(origin, notes=text, dropped=dropped))
 
 
 def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begins: float) -> float:
@@ -476,9 +456,8 @@ def _check_seen(source: str, fit: TipFit, motion: TrackedMotion) -> None:
             open_.append(f"the zero of {name} from {_WORDS[alike]}")
     if open_:
         raise CalibrationError(
-            f"{source}: the motion does not tell {', nor '.join(open_)}; state what is known in a "
-            "registration: the base's pose, touched points of it, the marker's place "
-            "(--registration, docs/tracker.md)"
+            f"{source}: the motion does not tell {', nor '.join(open_)}; state the base's pose, "
+            "touched points of it, or the marker's place (--registration, docs/tracker.md)"
         )
 
 
@@ -512,7 +491,7 @@ def _judge(
             f"{track.source}: the points follow the tool, which moves {1e3 * way:.0f} mm, to no "
             f"better than {1e3 * noise:.1f} mm, and {100 * share:.0f} % are further off than "
             f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
-            "motion? Look at them, and leave such stretches out"
+            "motion? Leave such stretches out"
         )
     return rows.rows(inlier), inlier, strays, stretches
 
@@ -663,9 +642,8 @@ def _start_of(
     inside = motion.inside(stamps)
     if inside.sum() < _FEWEST:
         raise CalibrationError(
-            f"{track.source}: {int(inside.sum())} of {len(track)} readings are of the "
-            "recording's time; is it the same motion? State the offset of the clocks "
-            "(--offset-s), or about (--near-s)"
+            f"{track.source}: {int(inside.sum())} of {len(track)} readings are of the recording's "
+            "time; is it the same motion? State the clocks' offset (--offset-s, or --near-s)"
         )
     stated = registration.marker
     marker = np.zeros(3) if stated.position is None else stated.position
@@ -677,8 +655,8 @@ def _start_of(
     )
     if mirrored**2 < _MIRROR * as_it_is**2:
         raise CalibrationError(
-            f"{track.source}: the points fit the tool only when mirrored: the tracker's frame is "
-            "left-handed; change the sign of one of its axes"
+            f"{track.source}: the points fit only mirrored: the frame is left-handed; change the "
+            "sign of one axis"
         )
     base, pose_precision = registration.known_base()
     if base is None:
@@ -743,7 +721,7 @@ def _covariance(fit: TipFit, terms: Terms) -> Array:
     Delete-a-group jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 11)
     in linear form, and what the prior's own uncertainty adds.
     """
-    prior, free = fit.prior, np.flatnonzero(fit.prior.free)
+    prior, names, free = fit.prior, fit.state.names, fit.prior.free
     block = np.ix_(free, free)
     white = whiten_rows(fit.rows, ~fit.left_out, fit.state)
     normal, _ = normal_equations(prior, fit.state, white)
@@ -755,16 +733,15 @@ def _covariance(fit: TipFit, terms: Terms) -> Array:
         pull = flat.T @ residual[rows].ravel()
         steps.append(np.linalg.solve((normal - flat.T @ flat)[block], pull[free]))
     off = np.array(steps) - np.mean(steps, axis=0)
-    inverse = inverted(normal[block], prior, free)
-    covariance = np.zeros_like(normal)
-    covariance[block] = (_PARTS - 1) / _PARTS * off.T @ off
-    covariance[block] += inverse @ prior.precision[block] @ inverse
+    inverse = inverted(normal, names, free)
+    covariance = inverse @ prior.precision @ inverse
+    covariance[block] += (_PARTS - 1) / _PARTS * off.T @ off
     # Friction may pass for a delay: as much as the plays explain would be taken for one.
     delay = len(fit.state.coefficients) - 1
     if prior.free[delay]:
         plays = np.flatnonzero(np.array(terms.kinds) == "play")
-        rest = np.setdiff1d(free, plays)
-        effect = normal[np.ix_(rest, plays)] @ fit.state.coefficients[plays]
-        passed = inverted(normal[np.ix_(rest, rest)], prior, rest) @ effect
-        covariance[delay, delay] += float(passed[np.searchsorted(rest, delay)]) ** 2
+        rest = free.copy()
+        rest[plays] = False
+        effect = normal[:, plays] @ fit.state.coefficients[plays]
+        covariance[delay, delay] += float(inverted(normal, names, rest)[delay] @ effect) ** 2
     return covariance

@@ -368,13 +368,14 @@ def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
 def touch_maps(report: TouchReport) -> Iterator[Figure]:
     """Errors over the block before and after, on the scale of each."""
     errors = (("before", report.before), ("after, by fits without it", report.left_out))
-    rejected = " Crosses were rejected." if report.fit.left_out.any() else ""
+    point, left_out = report.fit.rows.point, report.fit.left_out
+    rejected = " Crosses were rejected." if left_out.any() else ""
     for a, b, where in _VIEWS:
         panels: list[plot.Panel] = []
         for title, error in errors:
             x = {"title": f"{'xyz'[a]} of the block [mm], {title}"}
             y = {"title": f"{'xyz'[b]} [mm]", "scaleanchor": "x" if not panels else "x2"}
-            panels.append((x, y, _arrows(report.point, error, (a, b), report.fit.left_out)))
+            panels.append((x, y, _arrows(point, error, (a, b), left_out)))
         caption = (
             f"Each dot is a dimple, seen {where}; its colour is how far off the tip "
             "was [mm], the line from it in which direction, drawn out for each panel. Before: as "

@@ -243,38 +243,31 @@ def write_touch_report(
 
 
 def _render_touches(calibration: Calibration, report: TouchReport, command: str) -> str:
-    size = np.linalg.norm(report.left_out, axis=1)
+    touches, rejected = report.touches, report.fit.left_out
+    before, after = (np.linalg.norm(off, axis=1) for off in (report.before, report.left_out))
     rows = []
-    for i in np.lexsort((-size, ~report.fit.left_out)):
-        why = "rejected: badly seated, or another number?" if report.fit.left_out[i] else ""
-        lengths = [1e3 * np.linalg.norm(report.before[i]), 1e3 * size[i]]
-        texts = [f"{report.touches.t[i]:.1f}", *(f"{length:.2f}" for length in lengths)]
-        rows.append([report.touches.dimple[i], why, *texts])
-    about, left_out = calibration.metadata["touch"], report.fit.left_out
-    before, after = (
-        with_unit(float(np.sqrt((errors[~left_out] ** 2).sum(axis=1).mean())), "m")
-        for errors in (report.before, report.left_out)
-    )
-    first, *statement = report.statement
-    sentence = f"{statement[0][0].upper()}{statement[0][1:]} in the block's frame."
-    facts_line = [
-        f"{len(report.touches)} touches, {int(left_out.sum())} of them rejected",
-        first,
-        *statement[1:],
-        f"before {before}, after {after} off (RMS)",
-        f"prior: {', '.join(about['prior']) or 'none'}",
-        _now(),
-    ]
+    for i in np.lexsort((-after, ~rejected)):
+        why = "rejected: badly seated, or another number?" if rejected[i] else ""
+        lengths = [f"{1e3 * length:.2f}" for length in (before[i], after[i])]
+        rows.append([touches.dimple[i], why, f"{touches.t[i]:.1f}", *lengths])
+    was, now = (with_unit(float(np.sqrt((e[~rejected] ** 2).mean())), "m") for e in (before, after))
+    raw, near, far = report.statement
     return render_figures(
         "touches.html.j2",
         {"map": list(figures.touch_maps(report))},
         title=calibration.title,
-        sentence=sentence,
-        level="warn" if report.not_seen or left_out.any() else "pass",
-        facts=facts_line,
+        sentence=f"{near[0].upper()}{near[1:]} in the block's frame.",
+        level="warn" if report.not_seen or rejected.any() else "pass",
+        facts=[
+            f"{len(touches)} touches, {int(rejected.sum())} of them rejected",
+            *(raw, far),
+            f"before {was}, after {now} off (RMS)",
+            f"prior: {', '.join(calibration.metadata['touch']['prior']) or 'none'}",
+            _now(),
+        ],
         not_seen=report.not_seen,
         rows=DataFrame(rows, columns=["point", "", "at [s]", "before [mm]", "left out [mm]"]),
-        source=report.touches.source,
+        source=touches.source,
         command=command,
     )
 
