@@ -290,7 +290,7 @@ def moves_part(ros: Transport, moves: int) -> None:
         rng, off, refused, others = np.random.default_rng(2), [np.zeros(7)], 0, 0
         later = np.zeros(7)
         with (
-            node("simulate", "--homed", "--rate-hz", f"{rate:g}"),
+            node("simulate", "--homed", "--state-rate-hz", f"{rate:g}"),
             Arm(_backend(ros, "raven2_mended", rate=rate)) as arm,
         ):
             for k in range(moves):

@@ -119,7 +119,7 @@ class Package(NamedTuple):
 
 @pytest.fixture(scope="module")
 def simulator(ros) -> Iterator[subprocess.Popen[str]]:
-    line = ("node", "simulate", "--homed", "--rate-hz", "100", "--seed", "3")
+    line = ("node", "simulate", "--homed", "--state-rate-hz", "100", "--seed", "3")
     with program(*module(*line)) as process:
         yield process
 
@@ -183,7 +183,7 @@ def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
     bag, recording = tmp_path / "day.bag", tmp_path / "day.parquet"
     path = tmp_path / "model.safetensors"
     topics = [f"/arm1/{name}" for name in TOPICS] + [TRUTH_TOPIC]
-    live = ("doctor", "live", "--seconds", "2", "--profile", PROFILE, "--json")
+    live = ("doctor", "live", "--duration-s", "2", "--profile", PROFILE, "--json")
     with program("rosbag", "record", "-O", bag, *topics), ThreadPoolExecutor(1) as pool:
         wait_for_readers(topics)
         motion = pool.submit(run_along, robot, ZIGZAG)
@@ -418,7 +418,7 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
         end()
 
 
-SIMULATE = module("node", "simulate", "--rate-hz", "100")
+SIMULATE = module("node", "simulate", "--state-rate-hz", "100")
 NEAR = np.array([*np.radians([1.0, 1.0]), 1e-3])
 LARGEST_MOVE = 1.1 * LONGEST_MOVE * np.array([*np.radians([2.0, 2.0]), 2e-3])
 

@@ -3,8 +3,8 @@ A real da Vinci grasper
 =======================
 
 The MRDLab's recordings have a sensor on the jaw. The motor lies behind a metre of cable, so the
-reported angle is off by degrees. The recordings are public: ``truejoint datasets fetch
-davinci_grasper_umn``.
+reported angle is off by degrees. The recordings are public: ``truejoint datasets
+davinci_grasper_umn --fetch``.
 """
 
 import matplotlib.pyplot as plt

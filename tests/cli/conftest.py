@@ -48,7 +48,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         for arguments in (
             ["trajectory", "zigzag", "--sparsity", "1/2", "-o", f"{folder}/zigzag.csv"],
-            ["trajectory", "random", "--minutes", "1", "-o", f"{folder}/random.csv"],
+            ["trajectory", "random", "--duration-s", "60", "-o", f"{folder}/random.csv"],
             ["collect", f"{folder}/zigzag.csv", f"{folder}/random.csv", "-o", f"{folder}"],
             ["calibrate", f"{folder}/zigzag.parquet", "-e", "linear", "-o", f"{folder}/m.st"],
         ):

@@ -14,11 +14,13 @@ SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
 @pytest.fixture
 def motion(call, tmp_path):
-    return random_motion(call, tmp_path / "jaw.csv", 0.2)
+    return random_motion(call, tmp_path / "jaw.csv", 12)
 
 
-def random_motion(call, path, minutes):
-    made = call("trajectory", "random", "--robot", "forceps", "--minutes", minutes, "-o", path)
+def random_motion(call, path, duration_s):
+    made = call(
+        "trajectory", "random", "--robot", "forceps", "--duration-s", duration_s, "-o", path
+    )
     assert made.code == 0
     return path
 
@@ -59,7 +61,7 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
 
 
 def test_it_goes_on_where_it_was_stopped(call, motion, tmp_path):
-    other = random_motion(call, tmp_path / "other.csv", 0.1)
+    other = random_motion(call, tmp_path / "other.csv", 6)
     arguments = ("--robot", "forceps", "-o", tmp_path)
     assert call("collect", motion, *arguments).code == 0
     before = (tmp_path / "jaw.parquet").read_bytes()
@@ -76,13 +78,13 @@ def test_it_goes_on_where_it_was_stopped(call, motion, tmp_path):
 
 
 def test_the_joint_itself_is_taken_along(call, tmp_path):
-    motion = random_motion(call, tmp_path / "jaw.csv", 0.5)
+    motion = random_motion(call, tmp_path / "jaw.csv", 30)
     arguments = ("--robot", "forceps", "-o", tmp_path, "--state-rate-hz", 100)
     assert call("collect", motion, *arguments).code == 0
     model = tmp_path / "jaw.st"
     recording = tmp_path / "jaw.parquet"
     assert call("calibrate", recording, "-e", "play_reset", "-o", model).code == 0
-    way = random_motion(call, tmp_path / "way.csv", 0.1)
+    way = random_motion(call, tmp_path / "way.csv", 6)
     steered = ("--compensate", model, "--rezero-s", 2, "--seed", 4)
     made = call("collect", way, *arguments, *steered)
     assert made.code == 0, made.err

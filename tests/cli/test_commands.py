@@ -16,7 +16,10 @@ from tests.cli.conftest import Call
 
 from truejoint import read_calibration, read_recording, write_parquet
 from truejoint.cli.commands import COMMANDS, GROUPS, command
+from truejoint.estimators.registry import estimator_names
 from truejoint.motion import read_trajectory
+from truejoint.recordings.read.map_sketch import QUANTITIES
+from truejoint.robots import robot_names
 
 
 @pytest.mark.parametrize("name", ["", *{**GROUPS, **COMMANDS}])
@@ -142,10 +145,32 @@ def test_settings_reach_the_estimator(call: Call, session: Path, tmp_path: Path)
     assert tuple(parameters["hidden_layer_sizes"]) == (7, 5)
 
 
+def test_robots_are_listed_with_what_a_column_map_names(call: Call) -> None:
+    listed = json.loads(call("robots", "--json").out)["robots"]
+    assert [robot["name"] for robot in listed] == [*robot_names()]
+    said = call("robots", "dvrk_psm").out
+    for word in ("outer_insertion", "240", "mm", "<quantity>/<joint>", *QUANTITIES):
+        assert word in said
+    assert "which it may name too: unused" in call("robots", "raven2:right").out
+    assert call("show", "dvrk_psm").out == said
+
+
+def test_estimators_are_listed_with_their_parameters(call: Call) -> None:
+    said = call("estimators").out
+    listed = json.loads(call("estimators", "--json").out)["estimators"]
+    assert [*listed] == [*estimator_names()]
+    for name, facts in listed.items():
+        assert re.search(rf"{name} +│ {facts['what'][:20]}.*{facts['auto']}", said)
+    shown = json.loads(call("estimators", "dnn", "--json").out)
+    assert shown["parameters"]["hidden_layer_sizes"] == "(100, 100)"
+    assert (shown["what"], shown["auto"]) == (listed["dnn"]["what"], "no")
+
+
 def test_data_sets_are_listed(call: Call) -> None:
     names = {entry["name"] for entry in json.loads(call("datasets", "--json").out)["datasets"]}
     assert "davinci_grasper_umn" in names
     shown = json.loads(call("show", "dvrk_psm_berkeley", "--json").out)
+    assert shown == json.loads(call("datasets", "dvrk_psm_berkeley", "--json").out)
     assert shown["upstream"].startswith("BerkeleyAutomation/dvrkCalibration @ ")
 
 

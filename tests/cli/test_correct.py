@@ -1,9 +1,10 @@
-"""What `correct`, `show` and `compare` make and say."""
+"""What `correct`, `show` and `evaluate` of several models make and say."""
 
 from __future__ import annotations
 
 import html
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -207,12 +208,14 @@ def test_show_tells_what_a_recording_is(call: Call, session: Path) -> None:
     assert "seed 0, homing 1" in call("show", path).out
 
 
-def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_path: Path) -> None:
+def test_several_models_are_judged_beside_each_other(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
     zigzag, random = session / "zigzag.parquet", session / "random.parquet"
     write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
     models = [session / "m.st", tmp_path / "curved.st"]
     page = tmp_path / "models.html"
-    result = call("compare", *models, random, "--json", "--report", page, *ANYHOW)
+    result = call("evaluate", *models, random, "--json", "--report", page, *ANYHOW)
     assert result.code == 0, result.err
     text = page.read_text(encoding="utf-8")
     for word in (
@@ -229,14 +232,21 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
         assert rmse[best, joint] == min(rmse["m (linear)", joint], rmse["curved (poly2)", joint])
     assert ("poly2", "elbow") not in rmse  # the model given stands for its baseline
     assert found["deploy"] in {"", "raw", "offset", "linear", "m (linear)", "curved (poly2)"}
-    advice = html.unescape(text).replace("<code>", "`").replace("</code>", "`")
-    assert found["advice"] in advice
+    assert found["advice"] in re.sub("</?code>", "`", html.unescape(text))
     assert "instead" not in found["advice"]
     assert set(found["verdicts"]) == {"m (linear)", "curved (poly2)"}
-    assert call("compare", *models, random).code == 1, "the check fails unless it is accepted"
-    seen = call("compare", *models, zigzag)
+    assert call("evaluate", *models, random).code == 1, "the check fails unless it is accepted"
+    seen = call("evaluate", *models, zigzag)
     assert seen.code == 1
     assert seen.out.count("cannot be believed") == 2
-    alone = call("compare", session / "m.st", random)
-    assert alone.code == 2
-    assert "1 model file among" in alone.err
+    for arguments, said in (
+        (models, "name recordings with truth to judge the models on, after the models"),
+        (
+            [*models, random, "--seed-of", models[0]],
+            f"--seed-of judges one model; leave out {models[1]}",
+        ),
+        ([models[0], models[0], random], f"{models[0]}: named twice"),
+    ):
+        refused = call("evaluate", *arguments)
+        assert refused.code == 2
+        assert said in refused.err

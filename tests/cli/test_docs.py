@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from truejoint.cli.commands import COMMANDS, GROUPS, command
+from truejoint.cli.commands import COMMANDS, GROUPS, HINTS, command
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -60,6 +60,20 @@ def test_the_page_of_commands_is_that_of_the_command_line() -> None:
 def test_what_is_no_command_or_option_is_found() -> None:
     assert unknown("truejoint calibrat run.csv") == ["calibrat"]
     assert unknown("truejoint calibrate run.csv --feture a -o m.st [--robot left]") == ["--feture"]
+
+
+@pytest.mark.parametrize("word", HINTS)
+def test_a_hint_leads_to_a_command_that_is_there(word: str) -> None:
+    hinted = [*shown(HINTS[word])]
+    assert hinted
+    assert not any(unknown(line) for line in hinted)
+    assert word not in COMMANDS
+
+
+def test_what_there_is_to_learn_stays_within_its_size() -> None:
+    options = [p for name in COMMANDS for p in command(name).params if p.opts[0].startswith("-")]
+    assert len(COMMANDS) <= 28
+    assert len([option for option in options if option.name != "help"]) <= 262
 
 
 def anchors(text: str) -> set[str]:

@@ -22,7 +22,7 @@ def no_ros(monkeypatch):
 
 
 def test_without_ros_it_says_what_to_install(call, no_ros, tmp_path):
-    told = call("node", "record", tmp_path / "out.parquet")
+    told = call("node", "record", "-o", tmp_path / "out.parquet")
     assert told.code == 2
     assert "live ROS 1 needs rospy" in told.err
     assert "install python3-rospy" in told.err

@@ -97,7 +97,7 @@ def test_a_block_is_designed(call, tmp_path):
 
 def test_a_plan_names_each_dimple_once(call, folder):
     result = call("touch", "run", folder / "model.safetensors", "--block", folder / "block.toml",
-                  "--touches", "8")  # fmt: skip
+                  "--count", "8")  # fmt: skip
     assert result.code == 0, result.err
     numbers = [line.split("│")[2].strip() for line in result.out.splitlines() if "rising" in line
                or "falling" in line]  # fmt: skip
@@ -109,14 +109,14 @@ def test_a_simulated_arm_touches_what_re_zeroes_its_model(call, session, tmp_pat
     assert call("touch", "block", "raven2", "-o", block).code == 0
     model = session / "m.st"
     common = [model, "--block", block / "block.toml"]
-    made = call("touch", "run", *common, "--touches", "6", "-o", tmp_path / "first.csv")
+    made = call("touch", "run", *common, "--count", "6", "-o", tmp_path / "first.csv")
     assert made.code == 0, made.err
     bolted = call(
         "touch", "bolt", *common, "--touches", tmp_path / "first.csv", "-o", tmp_path / "p.toml"
     )
     assert bolted.code == 0, bolted.err
     again = call(
-        "touch", "run", model, "--bolted", tmp_path / "p.toml", "--seed", "3", "--touches", "4",
+        "touch", "run", model, "--bolted", tmp_path / "p.toml", "--seed", "3", "--count", "4",
         "-o", tmp_path / "today.csv",
     )  # fmt: skip
     assert again.code == 0, again.err
@@ -229,12 +229,12 @@ def test_shots_of_a_tracker_make_a_model(call, rests, tmp_path):
 
 def test_touches_of_an_arm_without_a_model_are_planned(call, folder):
     plate = ["--block", folder / "block.toml"]
-    result = call("touch", "run", "raven2", *plate, "--touches", "12")
+    result = call("touch", "run", "raven2", *plate, "--count", "12")
     assert result.code == 0, result.err
     lines = [line for line in result.out.splitlines() if "rising" in line or "falling" in line]
     assert len({line.split("│")[2] for line in lines}) == 12
     for wrong, said in (
-        (["raven2", *plate, "--touches", "8"], "--touches 8: it takes 12 at least; give so many"),
+        (["raven2", *plate, "--count", "8"], "--count 8: it takes 12 at least; give so many"),
         (["raven2"], "without a model, takes --block"),
         (["raven2", "--bolted", folder / "block.toml"], "without a model, takes --block"),
         (["raven3", *plate], "raven3"),

@@ -74,7 +74,7 @@ def test_all_studies_leave_one_page_though_one_is_refused(call, tmp_path):
     result = call("study", "all", "--preset", "small", "-o", tmp_path, "--jobs", "1", "--json")
     assert result.code == 2
     assert list(json.loads(result.out)) == ["forceps-unloaded"]
-    assert "truejoint datasets fetch" in " ".join(result.err.split())
+    assert "truejoint datasets dvrk_psm_berkeley --fetch" in " ".join(result.err.split())
     assert "not done: real" in result.err.splitlines()[-1]
     page = (tmp_path / "index.html").read_text()
     assert "1 of 2 studies" in page

@@ -314,7 +314,7 @@ def test_an_arm_served_by_another_process_moves_and_is_collected_from(tmp_path, 
         monkeypatch.setattr(f"truejoint.crtk.{name}", LONG)
     monkeypatch.setattr("truejoint.crtk.arm.SILENCE", LONG)
     with subprocess.Popen(  # noqa: S603 - a line of our own
-        [*command, "--rate-hz", "100"], stderr=subprocess.PIPE, text=True
+        [*command, "--state-rate-hz", "100"], stderr=subprocess.PIPE, text=True
     ) as served:
         try:
             assert any("/arm1/measured_js" in line for line in served.stderr)

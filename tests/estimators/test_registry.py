@@ -21,7 +21,7 @@ from truejoint.estimators import (
     get_estimator,
 )
 from truejoint.estimators.family import find_family
-from truejoint.estimators.registry import BASELINES, NETWORK, OWN, TITLES
+from truejoint.estimators.registry import BASELINES, NETWORK, OWN, TITLES, summaries
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.
@@ -106,6 +106,12 @@ def test_the_page_of_estimators_says_of_each_how_it_runs() -> None:
     lines = re.findall(r"^\| (`.*) \|$", page.read_text("utf-8"), flags=re.MULTILINE)
     rows = [line.split(" | ") for line in lines if line.count(" | ") == 6]
     said = {name: row[3:] for row in rows for name in re.findall(r"`(\w+)`", row[0])}
+    about = {
+        name: {"what": re.sub(r"\[(.*?)\]\(.*?\)|; .*", r"\1", row[1]), "sees": row[3]}
+        for row in rows
+        for name in re.findall(r"`(\w+)`", row[0])
+    }
+    assert about == summaries()
     automatic = {estimator.name for estimator in candidates()}
     found = {}
     for name in OWN:

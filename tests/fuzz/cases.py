@@ -53,7 +53,7 @@ TOKENS = (
     b"# ", b'"', b"[[", b"]]",
     b"\\ud800",
 )  # fmt: skip
-LEFT_OUT = {"datasets fetch", "demo", "study"}
+LEFT_OUT = {"datasets", "demo", "study"}
 """Commands that fetch what is public, or start threads and processes of their own for minutes."""
 STOPPED = {"monitor": 3.0, "node correct": 2.0, "node simulate": 2.0,
            "node record": 2.0, "node encoders": 2.0, "doctor": 5.0, "touch run": 3.0,

@@ -112,7 +112,8 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             line = max(commands, key=len, default="truejoint")
             where = error.ctx.command_path if error.ctx else line
             # An empty one means that help was shown.
-            return FAILED, f"{what} See `{where} --help`." if what else ""
+            end = "" if what.endswith((".", "?")) else "."
+            return FAILED, f"{what}{end} See `{where} --help`." if what else ""
         case TruejointError():
             return FAILED, str(error)
         case MemoryError():

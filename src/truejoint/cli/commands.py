@@ -27,6 +27,7 @@ class Command(NamedTuple):
 _TABLE: Final = tomllib.loads(resources.files(__package__).joinpath("commands.toml").read_text())
 COMMANDS: Final = {name: Command(**row) for name, row in _TABLE["commands"].items()}
 GROUPS: Final = {name: row["help"] for name, row in _TABLE["groups"].items()}
+HINTS: Final[dict[str, str]] = _TABLE["hints"]  # by words that people type first
 _HOW: Final[dict[str, Any]] = {
     "rich_markup_mode": "markdown",
     "pretty_exceptions_enable": False,
@@ -49,7 +50,14 @@ class _LazyGroup(TyperGroup):
                 self.commands[word] = TyperCommand(word, help=summary, rich_help_panel=panel)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Give the command that a line names, imported."""
+        """Give the command that a line names, imported; refuse another with what is meant."""
+        typed = args[0]
+        if typed not in self.commands and not ctx.resilient_parsing:
+            nested = [f"`truejoint {name}`" for name in COMMANDS if name.endswith(f" {typed}")]
+            if typed in HINTS:
+                ctx.fail(f"No such command {typed!r}: {HINTS[typed]}.")
+            if nested:
+                ctx.fail(f"No such command {typed!r}. Did you mean {' or '.join(nested)}?")
         word, stand_in, rest = super().resolve_command(ctx, args)
         return word, stand_in and command(f"{self.prefix}{word}"), rest
 
@@ -57,20 +65,16 @@ class _LazyGroup(TyperGroup):
 @cache
 def command(name: str) -> Any:
     """Command, or group of commands, of words like ``"node record"``; imports it."""
-    is_command, is_group = name in COMMANDS, name in GROUPS
-    run = _imported(COMMANDS[name].place) if is_command else lambda: None
+    is_group = name in GROUPS
     shown = next(n for n in COMMANDS if n.startswith(f"{name} ")) if is_group else name
     epilog = f"Example: `truejoint {shown} {COMMANDS[shown].example}`"
     word = name.rpartition(" ")[2]
     app = typer.Typer(name=word, add_completion=False, **_HOW)
     if is_group:
         kind = type("_Group", (_LazyGroup,), {"prefix": f"{name} "})
-        app.callback(
-            cls=kind, help=GROUPS[name], epilog=epilog, no_args_is_help=not is_command,
-            invoke_without_command=is_command,
-        )(run)  # fmt: skip
+        app.callback(cls=kind, help=GROUPS[name], epilog=epilog, no_args_is_help=True)(lambda: None)
     else:
-        app.command(word, epilog=epilog)(run)
+        app.command(word, epilog=epilog)(_imported(COMMANDS[name].place))
     return get_command(app)
 
 

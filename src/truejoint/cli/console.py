@@ -113,14 +113,18 @@ def progress(description: str) -> Iterator[Progress]:
 
 
 def print_table(
-    header: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str | None = None,
+    numbers: bool = True,
 ) -> None:
-    """Print a table: texts in the first column, numbers in the others."""
+    """Print a table: texts in the first column, in the others `numbers` or texts."""
     from rich.table import Table
 
     table = Table(title=title and one_line(title), title_justify="left")
     for name in header:
-        table.add_column(name, justify="left" if name == header[0] else "right")
+        table.add_column(name, justify="right" if numbers and name != header[0] else "left")
     for row in rows:
         table.add_row(*map(one_line, row))
     out.print(table)

@@ -15,7 +15,7 @@ from truejoint.errors import RecordingError
 
 _COLOURS = {"good": "green", "info": "", "warn": "yellow", "fail": "red"}
 _LIVE: Final = "live"
-_SECONDS: Final = 10.0
+_DURATION_S: Final = 10.0
 
 
 def doctor(
@@ -24,7 +24,7 @@ def doctor(
     profile: str = "",
     state: str = "",
     truth: str = "",
-    seconds: float | None = None,
+    duration_s: float | None = None,
     ros: int | None = None,
 ) -> Result:
     """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
@@ -32,9 +32,9 @@ def doctor(
     name, arm = options.robot_and_arm(robot or "")
     wiring = {"profile": profile, "state": state, "truth": truth}
     if files == [Path(_LIVE)] and not files[0].exists():
-        diagnosis = _listen(name, arm, wiring, seconds or _SECONDS, ros or 1)
-    elif seconds is not None or ros is not None:
-        raise RecordingError("--seconds and --ros are for `truejoint doctor live`")
+        diagnosis = _listen(name, arm, wiring, duration_s or _DURATION_S, ros or 1)
+    elif duration_s is not None or ros is not None:
+        raise RecordingError("--duration-s and --ros are for `truejoint doctor live`")
     elif len(files) > 1 or sets.detect_format(files[0]) == "bag":
         with progress(f"Examining {', '.join(path.name for path in files)}"):
             recording = sets.read_bag(files, name, arm, profile=profile, state=state, truth=truth)
@@ -54,17 +54,17 @@ def doctor(
 
 
 def _listen(
-    robot: str, arm: str, wiring: dict[str, str], seconds: float, ros: int
+    robot: str, arm: str, wiring: dict[str, str], duration_s: float, ros: int
 ) -> truejoint.recordings.DataCheck:
     """Judge what is said on an arm's topics for some seconds, or until Ctrl-C."""
     from truejoint.recordings.judge.live import LiveLink
 
     with as_node("truejoint_doctor", ros) as transport:
         link = LiveLink(transport, robot, arm, **wiring)
-        with link, progress(f"Listening for {seconds:g} s") as done:
+        with link, progress(f"Listening for {duration_s:g} s") as done:
             began = time.monotonic()
             try:
-                wait(transport, seconds, lambda: done((time.monotonic() - began) / seconds))
+                wait(transport, duration_s, lambda: done((time.monotonic() - began) / duration_s))
             except KeyboardInterrupt:
                 say(f"stopped after {time.monotonic() - began:.1f} s; of these:")
         return link.diagnose()

@@ -1,4 +1,4 @@
-"""`truejoint evaluate`, `compare` and `check`: judge calibrations on recordings not seen."""
+"""`truejoint evaluate` and `check`: judge calibrations on recordings not seen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import command_line, out, plural, print_table, progress, say
+from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import (
     DataCheck,
@@ -56,7 +56,15 @@ def evaluate(
     files: Files,
     seeds: list[Path] | None = None,
 ) -> Result:
-    """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
+    """Judge a calibration on recordings with truth; exit code 1 when it does not pass.
+
+    Several models are compared; exit code 1 then means that a test cannot be believed.
+    """
+    if others := [name for name in recordings if is_model(Path(name))]:
+        if seeds:
+            raise CalibrationError(f"--seed-of judges one model; leave out {', '.join(others)}")
+        tests = [name for name in recordings if name not in others]
+        return _compare([str(model), *others], tests, how, data_check, files)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
@@ -105,15 +113,17 @@ def _show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> Non
         out.print(f"  {line}")
 
 
-def compare(names: list[str], how: Judging, data_check: DataCheck, files: Files) -> Result:
-    """Compare models on the same recordings; exit code 1 when a test cannot be believed."""
-    paths = [name for name in names if is_model(Path(name))]
-    if len(paths) < 2:
+def _compare(
+    paths: list[str], recordings: list[str], how: Judging, data_check: DataCheck, files: Files
+) -> Result:
+    """Compare models on the same recordings."""
+    if twice := sorted({path for path in paths if paths.count(path) > 1}):
+        raise CalibrationError(f"{', '.join(twice)}: named twice; give each model once")
+    if not recordings:
         raise CalibrationError(
-            f"{plural(len(paths), 'model file')} among {', '.join(names)}; "
-            "name at least two (`truejoint evaluate` judges one)"
+            "name recordings with truth to judge the models on, after the models"
         )
-    models, recordings = _by_title(paths), [name for name in names if name not in paths]
+    models = _by_title(paths)
     first = next(iter(models.values()))
     accepted = parse_tolerances(how.tolerance, first)
     tested = files.find(recordings, part=how.part, split=how.split, model=first)()

@@ -33,7 +33,7 @@ class Link:
     """How and for how long topics are taken part in, an option each."""
 
     namespace: str = ""
-    seconds: float = math.inf
+    duration_s: float = math.inf
     ros: int = 1
 
 
@@ -64,7 +64,7 @@ def correct(
             namespace=link.namespace, homing_id=homing_id, say=say,
         )  # fmt: skip
         with node, suppress(KeyboardInterrupt):
-            node.run(link.seconds)
+            node.run(link.duration_s)
         out.print(f"{node.received} messages, {node.corrected} corrected")
 
 
@@ -76,7 +76,7 @@ def simulate(
     load_grams: float = 0.0,
     quirks: bool = False,
     homed: bool = False,
-    rate_hz: float = 1e3,
+    state_rate_hz: float = 1e3,
 ) -> None:
     """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
     from truejoint.crtk.server import ArmServer
@@ -89,10 +89,12 @@ def simulate(
     with (
         as_node("truejoint_simulate", link.ros) as transport,
         truejoint.crtk.Arm(backend) as device,
-        ArmServer(device, transport, profile, namespace=link.namespace, rate=rate_hz) as server,
+        ArmServer(
+            device, transport, profile, namespace=link.namespace, rate=state_rate_hz
+        ) as server,
     ):
         say(f"{device.robot.title}, simulated, on {', '.join(server.topics)}")
-        wait(transport, link.seconds)
+        wait(transport, link.duration_s)
 
 
 def record(
@@ -122,7 +124,7 @@ def record(
             with recorder, suppress(KeyboardInterrupt):
                 if not device.operating_state().is_homed:
                     say(f"waiting for {target.title} to be homed")
-                wait(transport, link.seconds, lambda: _listen(device))
+                wait(transport, link.duration_s, lambda: _listen(device))
         if recorder.written is None:
             raise RosError(f"{output}: fewer than two states came in time; is the arm homed?")
         out.print(f"{recorder.written}: {recorder.rows} rows")
@@ -137,7 +139,7 @@ def encoders(port: str, link: Link, robot: str = DEFAULT, profile: str = "") -> 
         line = JointEncoders(port, target.encoders, clock=transport.now)
         node = EncoderNode(transport, line, target, profile, namespace=link.namespace, say=say)
         with node, suppress(KeyboardInterrupt):
-            wait(transport, link.seconds)
+            wait(transport, link.duration_s)
         out.print(f"{node.published} messages, {line.garbage} lines of garbage")
 
 

@@ -15,7 +15,6 @@ import typer
 import truejoint
 from truejoint.cli.console import out, result_json
 from truejoint.errors import CommandRefused
-from truejoint.estimators.registry import OWN
 from truejoint.summary import json_values
 
 CHECK_FAILED: Final = 1
@@ -93,7 +92,7 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
     def add(parameter: inspect.Parameter, *sections: str) -> None:
         entries[parameter.name] = entry = _entry(parameter, sections)
         parameter = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        parameters.append(_described(parameter, entry) if entry else parameter)
+        parameters.append(_described(parameter, entry))
 
     for name, parameter in signature.parameters.items():
         if is_dataclass(kind := parameter.annotation):
@@ -127,15 +126,12 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
 
 @cache
 def _help() -> dict[str, Any]:
-    text = resources.files(__package__).joinpath("help.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text.replace("{estimators}", ", ".join(OWN)))
+    return tomllib.loads(resources.files(__package__).joinpath("help.toml").read_text("utf-8"))
 
 
 def _entry(parameter: inspect.Parameter, sections: tuple[str, ...]) -> dict[str, Any]:
-    """Find what `help.toml` says of a parameter; of the context of a group there is nothing."""
+    """Find what `help.toml` says of a parameter."""
     name = parameter.name
-    if parameter.annotation is typer.Context:
-        return {}
     pages = (_help().get(section, {}) for section in (*sections, "shared"))
     entry: dict[str, Any] | None = next((page[name] for page in pages if name in page), None)
     if entry is None:

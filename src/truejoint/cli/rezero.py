@@ -21,7 +21,7 @@ from truejoint.units import with_unit
 class Source:
     """Where the zero comes from, an option each; the truth in a recording by default."""
 
-    seconds: float | None = None
+    rezero_s: float | None = None
     touches: Path | None = None
     bolted: Path | None = None
     touch_sd_mm: float | None = None
@@ -68,7 +68,7 @@ def rezero(
         out.print(f"{new.output}: {done}")
         facts = {**vars(by_motor), "correction": by_motor.correction}
         return Result({"model": str(new.output), **facts})
-    duration = math.inf if source.seconds is None else source.seconds
+    duration = math.inf if source.rezero_s is None else source.rezero_s
     zero = truejoint.calibration.find_zero(calibration, loaded, duration)
     result = _write(calibration, zero, new, {})
     out.print(f"{new.output}: re-zeroed by the truth of {name}")

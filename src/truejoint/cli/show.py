@@ -1,4 +1,4 @@
-"""`truejoint show`: describe a model, a recording or a trajectory; `datasets`: public ones."""
+"""`truejoint show`: describe a file; `robots`, `estimators`, `datasets`: what there is by name."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-import typer
 
 import truejoint
 from truejoint.cli import options
@@ -31,16 +29,11 @@ _TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids"}
 
 def show(name: str, files: Files) -> Result:
     """Say what a file or a data set is, what it holds and where it comes from."""
-    from truejoint.recordings.datasets import DATASETS
-
     path = Path(name)
     if name.partition(":")[0] in truejoint.robots.robot_names() and not path.exists():
-        return tell_robot(options.get_robot(name))
-    if name in DATASETS and not path.exists():
-        facts = _dataset_facts(DATASETS[name])
-        texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
-        print_facts(DATASETS[name].title, texts.items())
-        return Result(facts)
+        return robots(name)
+    if name in truejoint.recordings.datasets.DATASETS and not path.exists():
+        return datasets(name)
     if files == Files(robot=files.robot) and _is_trajectory(path):
         arm = options.get_robot(files.robot or DEFAULT)
         return tell_trajectory(truejoint.motion.read_trajectory(path), arm)
@@ -61,19 +54,55 @@ def show(name: str, files: Files) -> Result:
     return Result({"shown": [{**facts, "columns": columns} for facts, columns in described]})
 
 
-def tell_robot(robot: truejoint.robots.Robot) -> Result:
-    """Print a robot's joints with their limits, and the quantities that a recording has of them."""
+def robots(name: str | None = None) -> Result:
+    """List robots; with a name, show its joints, their limits, and what a column map may name.
+
+    Any other robot is a file (docs/robots.md), which goes wherever a name goes.
+    """
     from truejoint.recordings.read.map_sketch import QUANTITIES
 
-    rows = []
+    if name is None:
+        every = [truejoint.get_robot(known) for known in truejoint.robots.robot_names()]
+        rows = [(robot.name, ", ".join(robot.joint_names)) for robot in every]
+        print_table(("robot", "joints"), rows, numbers=False)
+        return Result({"robots": [robot.to_dict() for robot in every]})
+    robot, limits = options.get_robot(name), []
     for joint in robot.joints:
         unit = display_unit(joint.unit)
-        limits = (f"{limit * unit.scale:.4g}" for limit in (joint.lower, joint.upper))
-        rows.append((joint.name, joint.kind, *limits, unit.name))
+        ends = (f"{limit * unit.scale:.4g}" for limit in (joint.lower, joint.upper))
+        limits.append((joint.name, joint.kind, *ends, unit.name))
     print_facts(robot.title, robot.summary().items())
-    print_table(("joint", "kind", "lower", "upper", "unit"), rows)
-    out.print(f"columns of a recording: t, <quantity>/<joint>; quantities: {', '.join(QUANTITIES)}")
+    print_table(("joint", "kind", "lower", "upper", "unit"), limits)
+    out.print(f"A column map names t and <quantity>/<joint>; quantities: {', '.join(QUANTITIES)}.")
+    if unused := [channel for channel in robot.channels if channel not in robot.joint_names]:
+        out.print(
+            f"Channels of the state without a joint, which it may name too: {', '.join(unused)}."
+        )
     return Result({"robot": robot.to_dict(), "quantities": list(QUANTITIES)})
+
+
+def estimators(name: str | None = None) -> Result:
+    """List estimators; with a name, show what it is and its parameters for `--set`.
+
+    Take `-e auto`, the default, unless you compare methods: it tries those that are marked.
+    """
+    from truejoint.estimators.registry import PRESETS, estimator_names, summaries
+
+    foreign = {"what": "of an installed package", "sees": "any features"}
+    about, tried = summaries(), {known for known, preset in PRESETS.items() if preset.is_tried}
+    facts = {
+        known: {**about.get(known, foreign), "auto": "yes" if known in tried else "no"}
+        for known in estimator_names()
+    }
+    if name is None:
+        rows = [(known, *values.values()) for known, values in facts.items()]
+        print_table(("estimator", "what", "sees", "auto tries it"), rows, numbers=False)
+        return Result({"estimators": facts})
+    defaults = truejoint.estimators.get_estimator(name).get_params(deep=False)
+    parameters = {parameter: str(value) for parameter, value in defaults.items()}
+    print_facts(name, facts[name].items())
+    print_table(("parameter", "default"), parameters.items(), numbers=False)
+    return Result({"name": name, **facts[name], "parameters": parameters})
 
 
 def _is_trajectory(path: Path) -> bool:
@@ -178,28 +207,23 @@ def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield key, shortened(text, 300) if key == "settings" else text
 
 
-def datasets(context: typer.Context) -> Result | None:
-    """List public recordings of real joints, and whether they are on this machine.
-
-    `truejoint show NAME` describes one; `truejoint datasets fetch NAME` fetches it.
-    """
-    from rich.table import Table
-
-    if context.invoked_subcommand is not None:
-        return None
-    every = truejoint.recordings.datasets.DATASETS.values()
-    table = Table("name", "what", "MB", "licence", "here")
-    for dataset in every:
-        size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
-        here = "yes" if _is_here(dataset) else "no"
-        table.add_row(dataset.name, dataset.title, size, licence, here)
-    out.print(table)
-    return Result({"datasets": [_dataset_facts(dataset) for dataset in every]})
-
-
-def fetch(name: str, pattern: str = "*") -> Result:
-    """Fetch a data set from its upstream repository and check the hash of every file."""
+def datasets(name: str | None = None, fetch: bool = False, pattern: str = "*") -> Result:
+    """List public recordings of real joints; with a name, describe a data set or fetch it."""
     sets = truejoint.recordings.datasets
+    if name is None:
+        listed = {each: _dataset_facts(dataset) for each, dataset in sets.DATASETS.items()}
+        rows = []
+        for each, facts in listed.items():
+            dataset, here = sets.DATASETS[each], "yes" if facts["here"] else "no"
+            size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
+            rows.append((each, dataset.title, size, licence, here))
+        print_table(("name", "what", "MB", "licence", "here"), rows, numbers=False)
+        return Result({"datasets": [*listed.values()]})
+    if not fetch:
+        facts = _dataset_facts(sets.get_dataset(name))
+        texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
+        print_facts(sets.get_dataset(name).title, texts.items())
+        return Result(facts)
     with progress(f"Fetching {name} from {sets.get_dataset(name).repository}") as done:
         folder = sets.fetch(name, pattern, progress=done)
     out.print(f"{name} is in {folder}")

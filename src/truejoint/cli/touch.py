@@ -107,7 +107,7 @@ def run(
     arm: str,
     aim: Aim,
     output: Path | None = None,
-    touches: int | None = None,
+    count: int | None = None,
     by_hand: bool = False,
     namespace: str = "",
     ros: int = 1,
@@ -122,9 +122,9 @@ def run(
     ending = Path(options.robot_and_arm(arm)[0]).suffix
     model = None if ending in {"", ".toml"} and not is_model(Path(arm)) else Path(arm)
     task = aim.task(arm, model)
-    count = touches or (_MANY if aim.bolted is None else _FEW)
+    count = count or (_MANY if aim.bolted is None else _FEW)
     if count < task.fewest:
-        raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
+        raise CommandRefused(f"--count {count}: it takes {task.fewest} at least; give so many")
     stops = task.plan(count, seed)
     if output is None:
         rows = [(str(k), stop.dimple, stop.words) for k, stop in enumerate(stops, 1)]

@@ -32,10 +32,11 @@ def parse_sparsity(text: str) -> float:
 # Options of each kind; what is not stated is as the motion has it.
 KINDS: Final = {
     "zigzag": ("direction", "sparsity", "published"),
-    "random": ("minutes", "seed", "profile"),
-    "designed": ("minutes", "seed"),
-    "nested": ("minutes",),
+    "random": ("duration_s", "seed", "swing"),
+    "designed": ("duration_s", "seed"),
+    "nested": ("duration_s",),
 }
+_PYTHON: Final = {"duration_s": "duration", "swing": "profile"}  # what the motions call them
 
 
 @dataclass(frozen=True)
@@ -45,21 +46,22 @@ class Shape:
     direction: str | None = None
     sparsity: str | None = None
     published: bool | None = None
-    minutes: float | None = None
+    duration_s: float | None = None
     seed: int | None = None
-    profile: str | None = None
+    swing: str | None = None
 
     def make(self, kind: str, robot: truejoint.robots.Robot) -> truejoint.motion.Trajectory:
         """Make a trajectory; raises TrajectoryError for an option that is not of its kind."""
         how = {name: value for name, value in vars(self).items() if value is not None}
         for name in how:
             if name not in KINDS[kind]:
-                takes = ", ".join(f"--{option}" for option in KINDS[kind])
-                raise TrajectoryError(f"--{name}: a {kind} motion takes {takes}; leave it out")
+                takes = ", ".join(f"--{option}" for option in KINDS[kind]).replace("_", "-")
+                raise TrajectoryError(
+                    f"--{name.replace('_', '-')}: a {kind} motion takes {takes}; leave it out"
+                )
         if self.sparsity is not None:
             how["sparsity"] = parse_sparsity(self.sparsity)
-        if self.minutes is not None:
-            how["duration"] = 60.0 * how.pop("minutes")
+        how = {_PYTHON.get(name, name): value for name, value in how.items()}
         maker: Any = getattr(truejoint.motion, kind if kind == "zigzag" else f"{kind}_motion")
         return cast("truejoint.motion.Trajectory", maker(robot, **how))
 

@@ -1,13 +1,14 @@
 """Every estimator by the name that a user writes; what learns is imported when asked for.
 
 A preset is a line: the class that learns, the module whose `FAMILY` runs what it learnt, and
-parameters. A new estimator is a folder beside this file, and a line here.
+parameters. A new estimator is a folder beside this file, a line here and one in `summaries.toml`.
 """
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
-from importlib import import_module
+from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from truejoint.errors import CalibrationError, unknown
@@ -114,6 +115,18 @@ def estimator_names() -> tuple[str, ...]:
     ('offset', 'linear', 'poly2', 'dnn')
     """
     return (*OWN, *plugged_in())
+
+
+def summaries() -> dict[str, dict[str, str]]:
+    """Say `what` each of truejoint's own estimators is, and what it `sees`.
+
+    Examples
+    --------
+    >>> summaries()["linear"]
+    {'what': 'least squares on the features', 'sees': 'any features'}
+    """
+    text = resources.files(__package__).joinpath("summaries.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
 
 
 def registered(name: str) -> Any:

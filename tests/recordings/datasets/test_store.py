@@ -177,7 +177,7 @@ def test_no_network(dataset, cache, monkeypatch):
     monkeypatch.setattr(catalogue, "RAW_HOST", "http://127.0.0.1:9")
     with pytest.raises(RecordingError, match=r"cannot be fetched \(ConnectionError\)"):
         fetch(NAME)
-    with pytest.raises(RecordingError, match=f"no copy .* run 'truejoint datasets fetch {NAME}'"):
+    with pytest.raises(RecordingError, match=f"no copy .* run 'truejoint datasets {NAME} --fetch'"):
         locate(NAME)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import numpy as np
@@ -34,9 +35,9 @@ def test_any_header_gives_a_map_that_is_understood(tmp_path_factory, names, robo
     taken = [mapped.column for mapped in mapping.columns.values()]
     assert len(set(taken)) == len(taken)
     # What is not guessed stands there as a comment that becomes an entry by taking the # away.
-    spare = [line[2:] for line in text.splitlines() if line.startswith('# "<quantity>')]
+    spare = [line[2:] for line in text.splitlines() if re.match('# "[^"]*<', line)]
     for k, line in enumerate(spare):
-        entry = tomllib.loads(line.replace("<quantity>/<joint>", f"effort/x{k}", 1))
+        entry = tomllib.loads(re.sub('^"[^"]*"', f'"effort/x{k}"', line))
         taken.append(entry[f"effort/x{k}"]["column"])
     assert len(taken) == len(names)
 
@@ -62,6 +63,21 @@ def test_what_the_names_say_is_guessed(tmp_path):
         "setpoint/roll": ("desired_3", ""),
     }
     assert text.count("column = 9") == text.count("column = 10") == 1
+
+
+def test_a_name_that_says_half_leaves_the_other_half_open(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,yaw_cmd,ins_pos,tool_roll,cam_x,cam_pitch,pos\n" + ",".join("1" * 7) + "\n")
+    text = sketch_column_map(path, "dvrk_psm")
+    found = {key: c.column for key, c in read_column_map(tomllib.loads(text)).columns.items()}
+    assert found == {
+        "t": "t",
+        "setpoint/outer_yaw": "yaw_cmd",
+        "measured/outer_insertion": "ins_pos",
+        "truth/outer_pitch": "cam_pitch",
+    }
+    for half in ("<quantity>/outer_roll", "truth/<joint>", "measured/<joint>"):
+        assert f'# "{half}" = ' in text
 
 
 def test_the_map_reads_the_file(tmp_path):

@@ -63,7 +63,7 @@ def test_hwangs_split_learns_from_both_motions():
 
 def test_recordings_that_are_not_here_are_named(monkeypatch, tmp_path):
     monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
-    with pytest.raises(StudyError, match="truejoint datasets fetch kuka"):
+    with pytest.raises(StudyError, match="truejoint datasets kuka_kr300_dual_encoder --fetch"):
         run_study("real", {"datasets": KUKA})
 
 

@@ -69,7 +69,7 @@ def locate(name: str) -> Path:
         if any(path.is_file() for path in (folder / name).rglob("*")):
             return folder / name
     raise RecordingError(
-        f"{name}: no copy on this machine; run 'truejoint datasets fetch {name}' "
+        f"{name}: no copy on this machine; run 'truejoint datasets {name} --fetch' "
         f"({dataset.size / 1e6:.0f} MB) or set {DATA_VARIABLE} to a folder that has it"
     )
 
@@ -183,7 +183,9 @@ def _require_upstream(dataset: Dataset, folder: Path, file: DatasetFile) -> Path
     plain = folder / file.name
     path = plain if plain.is_file() else folder / f"{file.name}.gz"
     if not path.is_file():
-        raise RecordingError(f"{plain}: is missing; run 'truejoint datasets fetch {dataset.name}'")
+        raise RecordingError(
+            f"{plain}: is missing; run 'truejoint datasets {dataset.name} --fetch'"
+        )
     if sha256_of(path) != file.sha256:
         repository, commit, _ = dataset.origin(file)
         raise RecordingError(

@@ -31,6 +31,7 @@ _SYNONYMS: Final = {
     "effort": "effort torque tau force load",
     "measured": "measured meas position pos jpos angle q joint",
 }
+_QUANTITY_WORDS: Final = frozenset(" ".join(_SYNONYMS.values()).split())
 QUANTITIES: Final = (*reversed(_SYNONYMS),)
 """Quantities that names of columns are searched for."""
 
@@ -79,11 +80,13 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     rest = []
     for name, (example, number) in columns.items():
         ours = _guess(name, machine, None if number is None else number + from_zero)
-        entry = f"{{ column = {_quoted(name)}{_unit(ours, name, machine)} }}  # {example}"
-        if ours and ours not in sketched:
+        is_whole = "<" not in ours
+        unit = _unit(ours if is_whole else "", name, machine)
+        entry = f"{{ column = {_quoted(name)}{unit} }}  # {example}"
+        if is_whole and ours not in sketched:
             sketched[ours] = entry
         else:
-            rest.append(f'# "<quantity>/<joint>" = {entry}')
+            rest.append(f'# "{"<quantity>/<joint>" if is_whole else ours}" = {entry}')
     lines = [
         f"# Columns of {_quoted(path.name)[1:-1]} as their names suggest; mend what is wrong, "
         "delete what is not needed."
@@ -139,7 +142,7 @@ def _number(name: str | int) -> int | None:
 
 
 def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
-    """Guess what a column is in a recording; empty if its name does not say."""
+    """Guess what a column is in a recording, with <...> for what its name does not say."""
     words = set(_words(name))
     if name == "t" or (words & _TIMES and not words - _TIMES - set(_UNITS) - {"ros", "header"}):
         return "t"
@@ -155,7 +158,7 @@ def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
         named = [joints[number - 1]] if 1 <= number <= len(joints) else []
     if not named and len(channels) == 1:
         named = list(channels)
-    return f"{quantity}/{named[0]}" if quantity and named else ""
+    return f"{quantity or '<quantity>'}/{named[0] if named else '<joint>'}"
 
 
 def _channels_named(words: set[str], name: str, channels: Sequence[str]) -> list[str]:
@@ -163,6 +166,8 @@ def _channels_named(words: set[str], name: str, channels: Sequence[str]) -> list
     if whole := [channel for channel in channels if channel in name]:
         return sorted(whole, key=len, reverse=True)
     of_each = {c: {word for word in _words(c) if word.isalpha()} for c in channels}
+    begun = tuple(word for word in words - _QUANTITY_WORDS if len(word) > 2)  # as ins of insertion
+    words = words | {w for own in of_each.values() for w in own if w.startswith(begun)}
     common = set.intersection(*of_each.values()) if len(channels) > 1 else set()
     likeness = {c: (len(w & words), -len(w)) for c, w in of_each.items() if (w - common) & words}
     return sorted(likeness, key=lambda channel: likeness[channel], reverse=True)[:1]
