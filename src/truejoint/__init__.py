@@ -17,9 +17,17 @@ def __getattr__(name: str) -> object:
     """
     import lazy_loader  # noqa: PLC0415
 
-    attached = lazy_loader.attach_stub(__name__, __file__)
-    globals().update(zip(("__getattr__", "__dir__", "__all__"), attached, strict=True))
-    return globals()[name] if name in globals() else attached[0](name)
+    attached, *listed = lazy_loader.attach_stub(__name__, __file__)
+
+    def get(name: str) -> object:
+        if name not in listed[1]:
+            from truejoint.summary import instead  # noqa: PLC0415
+
+            raise AttributeError(f"truejoint has no {name!r:.60}{instead(name, listed[1])}")
+        return attached(name)
+
+    globals().update(zip(("__getattr__", "__dir__", "__all__"), (get, *listed), strict=True))
+    return globals()[name] if name in globals() else get(name)
 
 
 def __dir__() -> list[str]:

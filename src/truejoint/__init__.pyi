@@ -22,8 +22,10 @@ from .calibration import write_calibration as write_calibration
 from .errors import TruejointError as TruejointError
 from .evaluation import evaluate as evaluate
 from .evaluation import write_report as write_report
+from .filters import UKF as UKF
 from .recordings import Recording as Recording
 from .recordings import read_recording as read_recording
 from .recordings import read_recordings as read_recordings
 from .recordings import write_parquet as write_parquet
 from .robots import get_robot as get_robot
+from .runtime import Corrector as Corrector

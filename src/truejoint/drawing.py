@@ -6,13 +6,15 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, cycle
+from itertools import chain, cycle, product
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.extras import require
+from truejoint.units import display_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -190,18 +192,13 @@ def box_plot(
     places = list(dict.fromkeys(frame[condition]))
     groups = list(_groups(frame, by, colours))
     step = 0.8 / len(groups)
-    boxes = [
-        Box(
-            place + step * (number - 0.5 * (len(groups) - 1)),
-            scale * values.to_numpy(dtype=float),
-            colour,
-            "" if place else name,
-            0.8 * step,
-        )
-        for place, at in enumerate(places)
-        for number, (name, colour, group) in enumerate(groups)
-        if len(values := group.loc[group[condition] == at, value])
-    ]
+    boxes = []
+    for (place, at), (number, (name, colour, group)) in product(
+        enumerate(places), enumerate(groups)
+    ):
+        values = scale * group.loc[group[condition] == at, value].to_numpy(dtype=float)
+        x, label = place + step * (number - 0.5 * (len(groups) - 1)), "" if place else name
+        boxes += [Box(x, values, colour, label, 0.8 * step)] if len(values) else []
     return Panel((), boxes=boxes, columns=tuple(map(str, places)), **panel)
 
 
@@ -215,11 +212,34 @@ def _groups(
 
 def png(figure: Figure) -> bytes:
     """Picture of a figure, by matplotlib; raises TruejointError if that is not installed."""
-    mpl = require("matplotlib", "plots", "a figure")
-    mpl_figure = require("matplotlib.figure", "plots", "a figure")
     data = io.BytesIO()
+    picture = _axes(figure, "matplotlib.figure", "Figure")[0, 0].figure
+    picture.savefig(data, format="png", dpi=_DPI)
+    return data.getvalue()
+
+
+def plot(
+    title: str, x: Array, curves: Mapping[str, Array], units: Mapping[str, str], of: str
+) -> Any:
+    """Draw curves (n, k) over `of`, `x` (n,); or curves of `of` over `x` (n, k); give axes (k,)."""
+    panels = []
+    for k, (name, unit) in enumerate(zip(units, map(display_unit, units.values()), strict=True)):
+        over, titles = x, (of, f"{name} [{unit.name}]")
+        if x.ndim > 1:
+            over, titles = unit.scale * x[:, k], (titles[1], f"{of} [{unit.name}]")
+        drawn = zip(curves.items(), cycle(PALETTE), strict=False)
+        own = [Curve(over, unit.scale * y[:, k], text, colour) for (text, y), colour in drawn]
+        panels.append([Panel(own, *titles)])
+    figure = Figure(title, panels, height=1.5 + 2.5 * len(panels), legend=True)
+    return _axes(figure, "matplotlib.pyplot", "figure")[:, 0]
+
+
+def _axes(figure: Figure, module: str, name: str) -> Any:
+    """Axes (rows, columns) of a figure, which a function or class of matplotlib makes."""
+    mpl, maker = (require(each, "plots", "a figure") for each in ("matplotlib", module))
     with mpl.rc_context(_STYLE):
-        picture = mpl_figure.Figure(figsize=(figure.width, figure.height), layout="constrained")
+        size = figure.width, figure.height
+        picture = getattr(maker, name)(figsize=size, layout="constrained")
         axes = picture.subplots(len(figure.panels), len(figure.panels[0]), squeeze=False)
         for panel, axis in zip(chain(*figure.panels), axes.flat, strict=True):
             _draw(panel, axis)
@@ -229,8 +249,7 @@ def png(figure: Figure) -> bytes:
             lines = max(1, math.ceil(len(labels) / _LEGEND))
             columns = max(1, math.ceil(len(labels) / lines))  # lines of about the same length
             picture.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
-    picture.savefig(data, format="png", dpi=_DPI)
-    return data.getvalue()
+    return axes
 
 
 def _draw(panel: Panel, axis: Axes) -> None:

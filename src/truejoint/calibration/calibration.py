@@ -7,6 +7,7 @@ scikit-learn and pandas.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 
-from truejoint import schema
+from truejoint import drawing, schema
 from truejoint.array_types import Array
 from truejoint.calibration.compatibility import check_arm, check_columns, check_robot, check_units
 from truejoint.calibration.domain import TrainingDomain
@@ -39,6 +40,7 @@ if TYPE_CHECKING:  # a control loop corrects without them
     from truejoint.recordings import Recording
 
 Recorded = TypeVar("Recorded")
+_FILES = "truejoint.calibration.model_file"  # which needs this module
 
 
 class Fit(NamedTuple):
@@ -92,6 +94,15 @@ class Calibration(Summarised):
     one of the measured positions, as after a homing. None: it is added to the output."""
     zero: Zero | None = None  # that was set last, by `at`
     learnt: JointRegressor | None = None  # the estimator as it was fitted; no file holds it
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Any:
+        """Read a model file, as `read_calibration`."""
+        return import_module(_FILES).read_calibration(path)
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write a model file, as `write_calibration`."""
+        import_module(_FILES).write_calibration(self, path, overwrite=overwrite)
 
     @property
     def robot(self) -> str:
@@ -288,6 +299,8 @@ class Calibration(Summarised):
         predicted = predicted + self.output_shift
         return predicted if self.target == "position" else rows.measured + predicted
 
+    predict = correct  # scikit-learn's word
+
     def correct_table(self, recording: Recording, level: float | None = None) -> pd.DataFrame:
         """Correct a recording into a table; raises as `correct`.
 
@@ -302,7 +315,10 @@ class Calibration(Summarised):
             values["half_width"] = self.half_widths(rows, LEVEL if level is None else level)
         for name, array in values.items():
             columns |= {f"{name}/{joint}": array[:, k] for k, joint in enumerate(self.joints)}
-        return type(recording.table)(columns)  # a recording knows tables, a control loop does not
+        table = type(recording.table)(columns)  # a recording knows tables, a control loop does not
+        names = [name for name in columns if name != "t"]
+        table.attrs["units"] = {n: self.units[f"measured/{n.partition('/')[2]}"] for n in names}
+        return table
 
     def predict_error(self, recording: Recording | Rows) -> Array:
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
@@ -405,6 +421,20 @@ class Calibration(Summarised):
                 about[f"{100 * level:g} %"] = self._by_joint("± ", widths)
             about["interval"] = self.interval.meaning
         return about | _touch_summary(facts.get("touch"))
+
+    def plot(self, recording: Recording | None = None) -> Any:
+        """Draw a recording's corrections, or the area that training covered; matplotlib's axes."""
+        if recording is not None:
+            rows = self.rows(recording)
+            x, y = rows.measured, self.predict_error(rows)
+        elif (domain := self.training_domain) is not None:
+            at = [self.signals.index(f"measured/{joint}") for joint in self.joints]
+            x = np.array([domain.signal_lower[at], domain.signal_upper[at]])[[0, 1, 1, 0, 0]]
+            y = np.array([domain.error_lower, domain.error_upper])[[0, 0, 1, 1, 0]]
+        else:
+            raise CalibrationError(f"the calibration of {self.title} states no range to draw")
+        units = {joint: self.units[f"measured/{joint}"] for joint in self.joints}
+        return drawing.plot(self.title, x, {self.estimator: y}, units, "correction")
 
     def _by_joint(self, sign: str, values: Array) -> str:
         units = (self.units[f"measured/{joint}"] for joint in self.joints)

@@ -185,11 +185,7 @@ def evaluate(
             {"name": name, "rows": len(own), "rows_total": len(r), **r.provenance.to_dict()}
             for r, name, (own, _) in zip(recordings, names, judged, strict=True)
         ),
-        effort_units={
-            joint: recordings[0].units[f"effort/{joint}"]
-            for quantity, joint in rows.columns
-            if quantity == "effort"
-        },
+        effort_units={j: recordings[0].units[f"effort/{j}"] for j in rows.get("effort", ())},
         **judge_interval(by_estimator[chosen][0], recordings, rows),
     )
 

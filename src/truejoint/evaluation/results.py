@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from itertools import pairwise
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
-from pandas import DataFrame, Index, factorize
+from pandas import DataFrame, Index, concat, factorize
 
+from truejoint import drawing
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, other_kind, unknown
 from truejoint.estimators import registry
+from truejoint.files import check_ending, write_atomically
 from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
@@ -311,11 +317,38 @@ class Evaluation(Summarised):
         at = (self.scores["estimator"] == estimator) & (self.scores["joint"] == joint)
         for row in each(self.scores[at]):
             return row
-        if joint in self.joints:
-            raise CalibrationError(
-                f"the evaluation: {unknown('model', estimator, self.estimators)}"
-            )
-        raise CalibrationError(f"the evaluation: {unknown('joint', joint, self.joints)}")
+        model, other = ("model", estimator, self.estimators), ("joint", joint, self.joints)
+        wrong = unknown(*(model if joint in self.joints else other))
+        raise CalibrationError(f"the evaluation: {wrong}")
+
+    @property
+    def rmse(self) -> DataFrame:
+        """RMSE [rad or m] by joint (and the tool) and estimator; ``attrs["units"]`` by joint."""
+        table = self.scores.pivot(index="joint", columns="estimator", values="rmse")
+        table.attrs["units"] = dict(zip(self.scores["joint"], self.scores["unit"], strict=True))
+        return table.loc[list(table.attrs["units"]), list(self.estimators)]
+
+    def to_dataframe(self) -> DataFrame:
+        """Copy of `scores`, in which each row states its unit."""
+        return self.scores.copy()
+
+    def _repr_html_(self) -> str:
+        tables = import_module("truejoint.evaluation.score_tables").all_scores(self)
+        scores: DataFrame = concat(dict(tables)).droplevel(1).rename_axis("joint").reset_index()
+        return super()._repr_html_() + scores.to_html(index=False, na_rep="", border=0)
+
+    def plot(self) -> Any:
+        """Draw which error a share of the rows keeps within; give matplotlib's axes (n_joints,)."""
+        share = np.linspace(0.0, 1.0, 201)
+        units = {f"{joint} error": u for joint, u in zip(self.joints, self.units, strict=True)}
+        errors = {n: np.quantile(np.abs(self.error(n)), share, axis=0) for n in self.estimators}
+        return drawing.plot(self.title, 100.0 * share, errors, units, "share of rows [%]")
+
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write `to_dict` as a JSON file; raises CalibrationError if it cannot be written."""
+        data, target, error = json.dumps(self.to_dict()).encode(), Path(path), CalibrationError
+        check_ending(target, ".json", "an evaluation", error)
+        write_atomically(target, lambda p: p.write_bytes(data), overwrite=overwrite, error=error)
 
     def shown_joints(self) -> list[tuple[int, str, DisplayUnit]]:
         """Column, name and unit for a person of each calibrated joint."""

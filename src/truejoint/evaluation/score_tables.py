@@ -310,17 +310,14 @@ def all_scores(evaluation: Evaluation) -> Iterator[tuple[str, DataFrame]]:
     ['jaw']
     """
     for name, unit, scores in evaluation.shown_scores():
-        decimals = decimals_for(unit.scale * scores["rmse"])
+        fix = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
         text = {"estimator": scores["estimator"].map(estimator_title)} | {
-            f"{title} [{unit.name}]": (unit.scale * scores[column]).map(
-                partial(fixed, decimals=decimals)
-            )
+            f"{title} [{unit.name}]": (unit.scale * scores[column]).map(fix)
             for title, column in _COLUMNS.items()
             if scores[column].notna().any()
         }
-        text["percent of fixed offset"] = scores["percent_of_offset"].map(
-            partial(fixed, decimals=0)
-        )
+        percent = scores["percent_of_offset"].map(partial(fixed, decimals=0))
+        text["percent of fixed offset"] = percent
         yield name, DataFrame(text | {"seeds": scores["seeds"].map(str)})
 
 
@@ -363,18 +360,10 @@ def domain_table(evaluation: Evaluation) -> rich_table.Table:
     rows: list[tuple[str, ...]] = []
     for name, unit, scores in evaluation.shown_scores():
         if scores["rmse_outside"].notna().any():
-            decimals = decimals_for(unit.scale * scores["rmse"])
-            rows += [
-                (
-                    f"{name} [{unit.name}]",
-                    estimator_title(score.estimator),
-                    *(
-                        fixed(unit.scale * v, decimals)
-                        for v in (score.rmse_inside, score.rmse_outside)
-                    ),
-                )
-                for score in each(scores)
-            ]
+            text = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
+            for score in each(scores):
+                both = (text(unit.scale * v) for v in (score.rmse_inside, score.rmse_outside))
+                rows.append((f"{name} [{unit.name}]", estimator_title(score.estimator), *both))
     header = ("joint", "estimator", "inside", "outside")
     return Table("RMSE inside and outside the trained domain", header, tuple(rows)).rich()
 

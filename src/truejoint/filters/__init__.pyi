@@ -1,3 +1,4 @@
+from .filter import UKF as UKF
 from .filter import FilterResult as FilterResult
 from .filter import FilterState as FilterState
 from .filter import SmoothedResult as SmoothedResult

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,6 +103,14 @@ class FilterResult(NamedTuple):
     dt: Array
     x0: Array
     P0: Array
+
+    def plot(self) -> Any:
+        """Draw the states, and two standard deviations, over time; give matplotlib's axes (n,)."""
+        units = {f"x[{k}]": "1" for k in range(self.x.shape[1])}
+        sd = 2 * np.sqrt(np.diagonal(self.P, axis1=1, axis2=2))
+        curves = {"estimate": self.x, "less 2 sd": self.x - sd, "plus 2 sd": self.x + sd}
+        draw = import_module("truejoint.drawing").plot
+        return draw("", np.cumsum(self.dt), curves, units, "time [s]")
 
 
 class SmoothedResult(NamedTuple):
@@ -302,6 +311,9 @@ class UnscentedFilter:
         record = result.u, result.dt, result.inflation, result.status
         smooth(state.numbers, state.memory, *record, x0, P0, x, P)
         return SmoothedResult(x, P, x0, P0)
+
+
+UKF = UnscentedFilter  # as most call it
 
 
 @compiled

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RecordingError, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
+from truejoint.robots.catalogue import robot_names
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.recordings.table.recording import Recording
@@ -81,6 +82,7 @@ def get_format(name: str) -> Format:
         return FORMATS[name]
     others = plugins("truejoint.formats", tuple(FORMATS))
     if name not in others:
-        raise RecordingError(unknown("format", name, format_names()))
+        robot = "; a robot is named by robot=" if name in robot_names() else ""
+        raise RecordingError(unknown("format", name, format_names()) + robot)
     entry: Format = load_plugin(others[name], Format)
     return replace(entry, read=partial(call_plugin, others[name], entry.read))

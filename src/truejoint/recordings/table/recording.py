@@ -6,15 +6,17 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from importlib import import_module
 from numbers import Integral, Real
+from os import PathLike
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truejoint import schema
+from truejoint import drawing, schema
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError, other_kind
 from truejoint.robots import Robot, get_robot
@@ -240,8 +242,51 @@ class Recording(Summarised):
         filled.update(units or {})
         return cls(table, filled, provenance, robot)
 
+    from_dataframe = from_columns
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Copy of `table`, whose ``attrs`` hold ``"units"`` and ``"provenance"``."""
+        frame = self.table.copy()
+        frame.attrs = {"units": dict(self.units), "provenance": self.provenance.to_dict()}
+        return frame
+
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write a Parquet file, as `write_parquet` does."""
+        parquet = import_module("truejoint.recordings.table.parquet")
+        parquet.write_parquet(self, path, overwrite=overwrite)
+
+    def plot(self) -> Any:
+        """Draw positions over time in deg and mm; give matplotlib's axes (n_joints,)."""
+        joints = self.joints or map(str, self.column("measured"))  # which is refused
+        units = {joint: self.units[f"measured/{joint}"] for joint in joints}
+        there = filter(self.joints_of, POSITION_QUANTITIES)
+        names = {quantity: [f"{quantity}/{joint}" for joint in units] for quantity in there}
+        curves = {q: self.table.reindex(columns=own).to_numpy() for q, own in names.items()}
+        return drawing.plot(self.provenance.source, self.t, curves, units, "time [s]")
+
+    def __getitem__(self, key: str | slice) -> Any:
+        """Give a column (n,), a quantity (n, n_joints), or the rows between two times [s]."""
+        if isinstance(key, str):
+            joints = self.joints_of(key)
+            return self.columns(key, joints) if joints else self.column(key)
+        if not isinstance(key, slice) or isinstance(key.start or key.stop, str) or key.step:
+            raise RecordingError(f"recording[{key!r:.40}]: give a column or a slice of times [s]")
+        first, end = key.start, math.inf if key.stop is None else key.stop
+        return self.rows((self.t >= (-math.inf if first is None else first)) & (self.t < end))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.table.columns)
+
     def __len__(self) -> int:
         return len(self.table)
+
+    if not TYPE_CHECKING:  # as in its base
+
+        def __getattr__(self, name: str) -> Any:
+            if name in ("describe", "head", "iloc", "loc", "tail", "to_csv"):
+                return getattr(self.to_dataframe(), name)
+            known = name[0] != "_" and self.joints_of(name)
+            return self[name] if known else super().__getattr__(name)
 
     def summary(self) -> dict[str, str]:
         """Robot, source, size and columns, by label."""
@@ -259,9 +304,16 @@ class Recording(Summarised):
         }
 
     @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints whose position is measured."""
+        return self.joints_of("measured")
+
+    @property
     def t(self) -> Array:
         """Time stamps (n,) [s]."""
         return self.table["t"].to_numpy()
+
+    time = t
 
     @property
     def duration(self) -> float:

@@ -1,0 +1,228 @@
+"""Forty lines that a Python user types first: each works, or names the right word.
+
+They were written down before anyone looked at what there was.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot as plt
+from tests.filters.linear import linear_model
+from tests.synthetic import build_recording
+from tests.test_examples import _motion
+from tests.test_extras import run
+
+import truejoint
+from truejoint import Recording, TruejointError
+
+WORK = (
+    'tj.Recording.from_dataframe(frame, "davinci_grasper").joints == ("jaw",)',
+    '(recording["measured/jaw"] == frame["measured/jaw"]).all()',
+    'recording["measured"].shape == (400, 1)',
+    "recording[1.0:2.0].t.tolist() == recording.t[100:200].tolist()",
+    "len(recording) == 400",
+    '"measured/jaw" in recording and "truth/elbow" not in recording',
+    'recording.joints == ("jaw",)',
+    "(recording.time == recording.t).all()",
+    "recording.duration == 3.99",
+    "(recording.measured[:, 0] == frame['measured/jaw']).all()",
+    "len(recording.plot()[0].lines) == 2",
+    'recording.to_dataframe()["truth/jaw"].equals(frame["truth/jaw"])',
+    'recording.to_dataframe().attrs["units"]["measured/jaw"] == "rad"',
+    "recording.to_csv('x.csv', index=False) or list(pd.read_csv('x.csv')) == list(recording)",
+    "len(recording.head()) == 5",
+    '"motion_9.csv" in recording._repr_html_()',
+    'tj.calibrate(recording, "linear").joints == ("jaw",)',
+    'calibration.save("c.tjc") or tj.read_calibration("c.tjc").estimator == "linear"',
+    'calibration.save("c.tjc") or tj.Calibration.load("c.tjc").estimator == "linear"',
+    "(calibration.predict(recording) == calibration.correct(recording)).all()",
+    "calibration.correct(recording).shape == (400, 1)",
+    "len(calibration.plot()[0].lines) == 1",
+    '"linear" in calibration._repr_html_()',
+    "tj.evaluate(calibration, recording).joints == ('jaw',)",
+    'set(evaluation.to_dataframe()["estimator"]) == set(evaluation.estimators)',
+    'evaluation.rmse.loc["jaw", "linear"] == evaluation.score("linear", "jaw").rmse',
+    "len(evaluation.plot()[0].lines) == len(evaluation.estimators)",
+    'evaluation.save("e.json") or json.load(open("e.json"))["chosen"] == "linear"',
+    'tj.Corrector(calibration).joints == ("jaw",)',
+    "tj.UKF(random_walk).run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0).x.shape == (2, 1)",
+    "len(result.plot()[0].lines) == 3",
+    'tj.get_robot("davinci_grasper").joints[0].name == "jaw"',
+)
+NAMED = (
+    ('tj.load("r.csv")', "read_recording(path)"),
+    ('tj.read_recording("r.csv", "dvrk_psm")', "a robot is named by robot="),
+    ("list(recording.columns)", ""),  # a method, so Python speaks: list(recording) gives the names
+    ('recording.save("x.csv")', "call it x.parquet"),
+    ("tj.fit(recording)", "truejoint.calibrate(recordings)"),
+    ("calibration.evaluate(recording)", "truejoint.evaluate(model, recordings)"),
+    ("tj.Corrector(calibration).update(sample)", "step(t, sample)"),
+    ("tj.robots()", ""),  # a package, so Python speaks
+)
+
+
+@pytest.fixture(scope="module")
+def names() -> dict[str, Any]:
+    recording = _motion(9)
+    calibration = truejoint.calibrate([_motion(seed) for seed in range(2)], "linear")
+    random_walk = linear_model([[1.0]], [[]], [[1.0]], [[0.1]], [[1.0]])
+    return {
+        "json": json,
+        "pd": pd,
+        "tj": truejoint,
+        "recording": recording,
+        "frame": recording.table.copy(),
+        "calibration": calibration,
+        "evaluation": truejoint.evaluate(calibration, recording),
+        "sample": [0.0, 0.0],
+        "random_walk": random_walk,
+        "result": truejoint.UKF(random_walk).run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0),
+    }
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.chdir(tmp_path)
+    Path("r.csv").write_text("t,measured/jaw\n0,1\n1,2\n")
+    yield
+    plt.close("all")
+
+
+def test_they_are_forty() -> None:
+    assert len(WORK) >= 32
+    assert len({*WORK, *NAMED}) == 40
+
+
+@pytest.mark.parametrize("guess", WORK)
+def test_a_first_guess_works(guess: str, names: dict[str, Any]) -> None:
+    assert eval(guess, names)  # noqa: S307 - our own line
+
+
+@pytest.mark.parametrize(("guess", "word"), NAMED)
+def test_a_first_guess_names_the_right_word(guess: str, word: str, names: dict[str, Any]) -> None:
+    with pytest.raises((AttributeError, TypeError, TruejointError)) as refused:
+        eval(guess, names)  # noqa: S307
+    assert word in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("recording[5]", "recording[5]: give a column or a slice of times [s]"),
+        ("recording['a':]", "give a column or a slice of times [s]"),
+        ("recording[::2]", "give a column or a slice of times [s]"),
+        ("recording['truth/elbow']", "no column 'truth/elbow'; it has t, measured/jaw"),
+        ("recording[9:10]", "0 rows"),
+        ("recording.duraton", "Recording has no 'duraton'; did you mean 'duration'?"),
+        ("recording._jaw", "Recording has no '_jaw'"),
+        ("tj.Calibraton", "truejoint has no 'Calibraton'; did you mean 'Calibration'?"),
+        ("evaluation.save('e.html')", "call it e.json"),
+    ],
+)
+def test_what_is_no_guess_is_refused_in_a_line(line: str, said: str, names: dict[str, Any]) -> None:
+    with pytest.raises((AttributeError, TruejointError)) as refused:
+        eval(line, names)  # noqa: S307
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_slice_begins_and_ends_where_it_says(names: dict[str, Any]) -> None:
+    recording = names["recording"]
+    parts = recording[:1.0], recording[1:2], recording[2.0:]
+    np.testing.assert_array_equal(np.concatenate([p.t for p in parts]), recording.t)
+    assert [len(part) for part in parts] == [100, 100, 200]
+    assert parts[1].units == recording.units
+
+
+def test_a_recording_is_kept_and_read_back(names: dict[str, Any]) -> None:
+    names["recording"].save("run.parquet")
+    assert truejoint.read_recording("run.parquet").table.equals(names["recording"].table)
+    with pytest.raises(TruejointError, match="exists already"):
+        names["recording"].save("run.parquet")
+    names["recording"].save("run.parquet", overwrite=True)
+
+
+def test_units_stay_with_frames(names: dict[str, Any]) -> None:
+    recording, calibration = names["recording"], names["calibration"]
+    frame = recording.to_dataframe()[100:200]
+    assert frame.attrs["units"] == recording.units
+    assert frame.attrs["provenance"]["source"] == "motion_9.csv"
+    assert calibration.correct_table(recording).attrs["units"] == {"corrected/jaw": "rad"}
+    assert names["evaluation"].rmse.attrs["units"] == {"jaw": "rad"}
+    frame["measured/jaw"] = 0.0
+    assert recording["measured/jaw"].any()
+
+
+def test_plots_show_what_they_say(names: dict[str, Any]) -> None:
+    recording, calibration = names["recording"], names["calibration"]
+    (axis,) = recording.plot()
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("time [s]", "jaw [deg]")
+    measured, truth = (line.get_ydata() for line in axis.lines)
+    np.testing.assert_allclose(measured, np.degrees(recording["measured/jaw"]))
+    np.testing.assert_allclose(truth, np.degrees(recording["truth/jaw"]))
+    (axis,) = calibration.plot(recording)
+    np.testing.assert_allclose(axis.lines[0].get_xdata(), measured)
+    np.testing.assert_allclose(
+        axis.lines[0].get_ydata(), np.degrees(calibration.predict_error(recording)[:, 0])
+    )
+    assert axis.get_ylabel() == "correction [deg]"
+    (axis,) = calibration.plot()
+    domain = calibration.training_domain
+    corners = axis.lines[0].get_xydata()
+    np.testing.assert_allclose(np.radians(corners[:, 1].max()), domain.error_upper[0])
+    np.testing.assert_allclose(np.radians(corners[:, 0].min()), domain.signal_lower[0])
+    (axis,) = names["evaluation"].plot()
+    own = dict(zip(names["evaluation"].estimators, axis.lines, strict=True))["linear"]
+    largest = names["evaluation"].score("linear", "jaw").max_abs
+    np.testing.assert_allclose(own.get_xydata()[-1], [100.0, np.degrees(largest)])
+    (axis,) = names["result"].plot()
+    x, low, high = (line.get_ydata() for line in axis.lines)
+    np.testing.assert_allclose(x, names["result"].x[:, 0])
+    np.testing.assert_allclose(high - low, 4 * np.sqrt(names["result"].P[:, 0, 0]))
+
+
+def test_joints_without_truth_are_drawn_beside_those_with() -> None:
+    columns = {"t": [0, 1], "measured/a": [0, 1], "measured/b": [2, 3], "truth/b": [2, 4]}
+    Path("arm.toml").write_text(
+        'name = "arm"\njoints = [{ name = "a" }, { name = "b", kind = "prismatic" }]\n'
+    )
+    arm = truejoint.get_robot("arm.toml")
+    first, second = Recording.from_columns(columns, "arm", robot=arm).plot()
+    assert np.isnan(first.lines[1].get_ydata()).all()
+    assert second.get_ylabel() == "b [mm]"
+    assert second.lines[1].get_ydata().tolist() == [2000.0, 4000.0]
+    with pytest.raises(TruejointError, match="no column 'measured'; it has t, truth/b"):
+        Recording.from_columns({"t": [0, 1], "truth/b": [0, 1]}, "arm", robot=arm).plot()
+
+
+def test_an_evaluation_is_a_table_by_joint_and_model(names: dict[str, Any]) -> None:
+    shown = names["evaluation"]._repr_html_()
+    for cell in ("jaw", "Fixed offset", "Linear", "RMSE [deg]"):
+        assert f"{cell}</t" in shown.split("</table>", 1)[1]
+
+
+def test_a_property_that_fails_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_self: Recording) -> float:
+        raise AttributeError("the clock broke")
+
+    monkeypatch.setattr(Recording, "duration", property(broken))
+    with pytest.raises(AttributeError, match="the clock broke"):
+        _ = build_recording().duration
+
+
+def test_without_the_extra_a_plot_is_refused_in_a_line(tmp_path: Path) -> None:
+    code = (
+        "import truejoint as tj\n"
+        "r = tj.Recording.from_columns({'t': [0, 1], 'measured/jaw': [0, 1]}, 'davinci_grasper')\n"
+        "try:\n    r.plot()\nexcept tj.TruejointError as error:\n    print(error)"
+    )
+    said = run(code, cwd=tmp_path)
+    needed = 'a figure needs matplotlib, which is not installed: pip install "truejoint[plots]"'
+    assert said.stdout.strip() == needed, said.stderr
