@@ -383,7 +383,6 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
     ros, simulator, robot, package, truejoint_, tmp_path
 ):
     day, morning = tmp_path / "day.safetensors", tmp_path / "morning.safetensors"
-    motion = tmp_path / "motion.parquet"
     truejoint.write_calibration(package.model, day)
     raw, corrected, said = [], [], []
     of_topics = {"measured_js": raw, "corrected/measured_js": corrected}
@@ -406,11 +405,13 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
             on.enter_context(program(*SIMULATE, "--homed", "--seed", "8"))
             until(lambda: said[-1] == "HOMED_AGAIN", "another homing")
             until(lambda: moves(robot), "the robot to take set-points")
-            with Recorder(robot, state_rate=100.0, path=motion):
-                run_along(robot, waves(2.0))
+            with ThreadPoolExecutor(1) as pool:
+                moved = pool.submit(run_along, robot, waves(2.0))
+                over_ros = ("--ros", "1", "--profile", PROFILE, "--truth", TRUTH_TOPIC)
+                truejoint_("rezero", day, *over_ros, "--duration-s", "5", "-o", morning)
+                moved.result()
             before, after = in_common(raw, corrected[last:])  # of a robot that is elsewhere now,
             assert (largest_step(after - before) < LARGEST_MOVE).all()  # the correction alone
-        truejoint_("rezero", day, motion, "-o", morning)
         with program(*module("node", "correct", morning, "--profile", PROFILE)):
             until(lambda: said[-1] == "OK", "corrected joints after the homing")
         robot.close()  # which pauses it, while there is one

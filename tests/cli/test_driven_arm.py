@@ -1,13 +1,73 @@
-"""Tests of the arm that a command drives: what is asked before a real one moves."""
+"""Tests of the arm that a command drives or looks at: over topics, and what is asked before."""
 
 from __future__ import annotations
 
+import json
 import sys
+from contextlib import ExitStack, suppress
 
+import numpy as np
 import pytest
 import typer
+from tests.crtk.instant_twin import InstantTwin
+from tests.local_ros import LocalRos
 
-from truejoint.cli import driven_arm
+import truejoint
+from truejoint.cli import driven_arm, monitor
+from truejoint.crtk import Arm, PacedBackend, protocol
+from truejoint.crtk.backends import ros as backends
+from truejoint.crtk.server import ArmServer
+from truejoint.monitor import pages
+from truejoint.robots.blocks import TruthBlock
+from truejoint.simulation import TwinOutput
+
+TRUTH = "/ext_jpos"
+OFFSET = np.array([0.02, -0.03, 0.001])  # of the served joints from what the motors say
+INPUTS = ["measured/shoulder", "measured/elbow", "measured/insertion"]
+LONG = 60.0  # [s]
+
+
+class OffTwin(InstantTwin):
+    """A twin whose joints stand off, and whose sensors say so."""
+
+    def run(self, setpoint):
+        out = super().run(setpoint)
+        joint, trembles = out.joint + OFFSET, 1e-6 * np.sin(1e3 * out.t)[:, None]
+        truth = TruthBlock(out.t, self.robot.positioning, joint)
+        said = {"measured": out.measured + trembles, "effort": out.effort + trembles}
+        return TwinOutput(**{**vars(out), **said, "truth": truth, "joint": joint})
+
+
+@pytest.fixture
+def arm(monkeypatch):
+    """An arm that is homed and served in this process; commands find its topics."""
+    for place in (backends, sys.modules["truejoint.crtk.arm"], protocol):
+        monkeypatch.setattr(place, "SILENCE", LONG)  # on a busy machine
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 2.0)
+    ros = LocalRos()
+    ros.close = lambda: None
+    monkeypatch.setattr("truejoint.crtk.ros.open_transport", lambda *_: ros)
+    with ExitStack() as stack:
+        served = stack.enter_context(Arm(PacedBackend(OffTwin(), homed=True)))
+        stack.enter_context(ArmServer(served, ros, "raven2_mended", rate=100.0))
+        served.ros = ros
+        yield served
+
+
+@pytest.fixture(scope="module")
+def model(session, tmp_path_factory):
+    """A model of that arm as it was before it stood off, with no more than its fixed offset."""
+    raw = truejoint.read_recording(session / "zigzag.parquet")
+    table = raw.table.copy()
+    for joint in raw.joints_of("truth"):
+        table[f"truth/{joint}"] = table[f"measured/{joint}"]
+    still = truejoint.Recording(table, raw.units, raw.provenance)
+    path = tmp_path_factory.mktemp("model") / "m.safetensors"
+    truejoint.write_calibration(truejoint.calibrate(still, "offset", features=INPUTS), path)
+    return path
+
+
+OVER = ("--ros", "2", "--profile", "raven2_mended")
 
 
 @pytest.mark.parametrize("typed", ["raven2", "raven2:left"])
@@ -26,3 +86,122 @@ def test_it_moves_once_its_name_is_typed(call, session, tmp_path, monkeypatch, t
         assert told.code == 2
         assert "nothing was moved" in told.err
     assert bool(joined) == (typed == "raven2:left")
+
+
+def test_check_looks_on_and_rezero_mends(call, arm, model, tmp_path):
+    commands = []
+    for name, kind in (("state_command", "crtk_msgs/StringStamped"), ("servo_jp", None)):
+        arm.ros.subscribe(f"/arm1/{name}", kind or "sensor_msgs/JointState", commands.append)
+    brief = (*OVER, "--truth", TRUTH, "--duration-s", "1")
+    said = call("check", model, *brief, "--json")
+    assert said.code == 0, said.err
+    assert "Recording raven2 (left arm) for 1 s ..." in said.err
+    offsets = [joint["offset"] for joint in json.loads(said.out)["joints"]]
+    assert offsets == pytest.approx(OFFSET, abs=2e-3)
+    mended = tmp_path / "mended.safetensors"
+    done = call("rezero", model, *brief, "-o", mended)
+    assert done.code == 0, done.err
+    assert f"re-zeroed by the truth of {TRUTH}" in done.out
+    assert truejoint.read_calibration(mended).offset == pytest.approx(OFFSET, abs=2e-3)
+    assert not commands
+    assert arm.operating_state().state == "ENABLED"
+
+
+def test_check_moves_it_where_that_is_agreed(call, arm, model):
+    away = []
+    arm.subscribe(lambda block: away.append(block.measured[-1, 0])
+                  if hasattr(block, "measured") else None)  # fmt: skip
+    brief = (*OVER, "--truth", TRUTH, "--duration-s", "2", "--json")
+    said = call("check", model, *brief, "--move", "--yes-move-it")
+    assert said.code == 0, said.err
+    offsets = [joint["offset"] for joint in json.loads(said.out)["joints"]]
+    assert offsets == pytest.approx(OFFSET, abs=5e-3)
+    assert np.ptp(away) > 0.005
+    assert arm.operating_state().state == "PAUSED"
+
+
+def test_the_monitor_shows_it_and_leaves_it(call, arm, model, monkeypatch):
+    conditions, corrected = [], []
+
+    class Page:
+        url = "http://127.0.0.1:0"
+
+        def __init__(self, robot, on_command, **place):
+            self.press = on_command
+
+        def show(self, row, condition):
+            conditions.append(condition.state)
+            if row is not None and np.isfinite(row.corrected).any():
+                corrected.append(row)
+
+        def close(self):
+            pass
+
+    shown = []
+    monkeypatch.setattr(
+        pages, "PageProcess", lambda *a, **k: shown.append(Page(*a, **k)) or shown[-1]
+    )
+
+    def look():
+        arm.ros.wait_for("/arm1/measured_js", lambda _: len(corrected) > 2)
+        for button, state in (("pause", "PAUSED"), ("resume", "ENABLED")):
+            shown[0].press(button)
+            assert arm.operating_state().state == state
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(monitor, "_wait", look)
+    said = call("monitor", *OVER, "--truth", TRUTH, "--model", model, "--port", "0")
+    assert said.code == 0, said.err
+    assert "Open http" in said.out
+    assert "Homing" not in said.err
+    off = corrected[-1].truth[0, :3] - corrected[-1].reported[0, :3]
+    assert off == pytest.approx(OFFSET, abs=1e-5)
+    assert truejoint.read_calibration(model).redundant  # motors, of which topics do not tell
+    assert arm.operating_state().state == "ENABLED"  # as it was before
+
+
+def test_it_goes_where_it_is_told(call, arm):
+    said = call("teleop", *OVER, "--go-to", "shoulder=40", "--go-to", "insertion=385mm",
+                "--yes-move-it")  # fmt: skip
+    assert said.code == 0, said.err
+    reached = said.out.partition("shoulder ")[2].split()[0]
+    assert float(reached) == pytest.approx(40.0, abs=0.15)
+    now = arm.setpoint_js(LONG).position
+    assert now[[0, 2]] == pytest.approx([np.radians(40.0), 0.385], abs=1e-3)
+    assert now[1] == pytest.approx(arm.robot.home[1], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (["--namespace", "/arn1"], "arms report under /arm1: did you mean '/arm1'?"),
+        (["--robot", "dvrk_psm", "--namespace", "/arm1"], "measured_js: "),
+        (["--profile", "raven_mended"], "did you mean 'raven2_mended'?"),
+    ],
+)
+def test_another_arm_than_is_there_is_one_line(call, arm, line, said):
+    told = call("monitor", *OVER[:2], *line, "--port", "0")
+    assert told.code == 2
+    assert said in told.err
+    assert told.err.count("\n") == 1
+
+
+def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monkeypatch):
+    brief = (*OVER, "--truth", "/none", "--duration-s", "1")
+    told = call("check", model, *brief)
+    assert told.code == 2
+    assert "/none: no truth came within 1 s" in told.err
+    with suppress(truejoint.errors.MotionStopped):
+        motion = arm.move_jp(arm.robot.home + 0.5 * np.eye(7)[0], speed=np.full(7, 0.05))
+        told = call("check", model, *brief, "--move", "--yes-move-it")
+        motion.cancel()
+    assert told.code == 2
+    assert "is moving: another program controls it" in told.err
+    assert arm.operating_state().state == "ENABLED"  # nobody has paused it
+    arm.unhome()
+    arm.ros.wait_for("/arm1/operating_state", lambda m: not m.is_homed)
+    assert "is not homed: home it, or give --move" in call("check", model, *brief).err
+    monkeypatch.setattr("truejoint.crtk.ros.open_transport", lambda *_: LocalRos())
+    told = call("check", model, *brief)
+    assert told.code == 2
+    assert "no arm reports: start the node of the robot" in told.err

@@ -66,6 +66,7 @@ AT_ONCE = {
         ("--interval cross", "needs `truejoint calibrate`"),
     ],
     "rezero m.st -o new.st": [
+        ("--ros 2 --truth /t --motor m.st", "--ros and --motor: give one of the two"),
         ("", "name the recording to re-zero from, or give --touches"),
         ("random.parquet --touches t.csv", "--touches needs --bolted"),
         ("random.parquet --touch-sd-mm 1", "--touch-sd-mm needs --touches"),
@@ -112,7 +113,7 @@ AT_ONCE = {
         ("nowhere.csv -o new", "nowhere.csv: cannot be read"),
         ("random.csv -o new --namespace /x", "--namespace needs --ros"),
         ("random.csv -o new --yes-move-it", "--yes-move-it needs --ros"),
-        ("random.csv -o new --ros 1 --twin peng2024", "are a simulated arm's: leave them out"),
+        ("random.csv -o new --ros 1 --twin peng2024", "--ros and --twin: give one of the two"),
         (
             "random.csv -o new --ros 1",
             "raven2:left, at up to 50 mm/s and 143.2 deg/s: agree",
@@ -129,6 +130,17 @@ AT_ONCE = {
         ("--metadata rate_hz=3", "--columns and --metadata need a recording"),
         ("--robot bros", "bros"),
         ("none.csv", "none.csv: no such file"),
+        ("--ros 2 --follow way.csv", "--ros and --follow: give one of the two"),
+        ("--truth /ext_jpos", "--truth needs --ros"),
+    ],
+    "check m.st": [
+        ("", "name a RECORDING, or give --ros and --truth"),
+        ("--ros 2", "--ros needs --truth"),
+        ("--ros 2 --truth /t random.parquet", "--ros and RECORDING: give one of the two"),
+        ("--ros 2 --truth /t --yes-move-it", "--yes-move-it needs --move"),
+        ("--ros 2 --truth /t --duration-s nan", "--duration-s nan: give 1 to 600 s"),
+        ("--ros 2 --truth /t --move", "raven2:left, at up to 50 mm/s and 143.2 deg/s: agree"),
+        ("random.parquet --duration-s 3", "--duration-s needs --ros"),
     ],
     "study": [
         ("efficiency --jobs 2 --cluster tcp://127.0.0.1:9", "--cluster and --jobs: give one"),
@@ -140,6 +152,11 @@ AT_ONCE = {
     ],
     "teleop": [
         ("--robot forceps", "teleop reads keys from a terminal"),
+        ("--go-to elbo=80", "no joint called 'elbo'; did you mean 'elbow'?"),
+        ("--go-to elbow=far", "'far' is no number"),
+        ("--go-to elbow=nan", "--go-to elbow=nan: give a finite number of deg"),
+        ("--go-to elbow=500", "elbow at 500 deg is outside its range [45, 135] deg"),
+        ("--go-to elbow=80 --ros 2", "agree in a terminal, or give --yes-move-it"),
     ],
     "doctor run.parquet": [
         ("--duration-s 3", "--duration-s and --ros are for `truejoint doctor live`"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, say
-from truejoint.cli.driven_arm import RealArm
+from truejoint.cli.driven_arm import RealArm, brief_recording, home
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
@@ -86,10 +86,8 @@ class Loop:
             return truejoint.runtime.motor_loop(device.robot, lag=lag) if self.closed_loop else None
         duration = _REZERO if self.rezero_s is None else self.rezero_s
         if duration > 0.0:
-            motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
-            with truejoint.recordings.Recorder(device, truth=truth) as recorder:
-                truejoint.motion.follow(device, motion)
-            model = model.at(truejoint.calibration.find_zero(model, recorder.recording()))
+            brief = brief_recording(device, duration, truth=truth)
+            model = model.at(truejoint.calibration.find_zero(model, brief))
         corrector = truejoint.runtime.Corrector(model.without_redundant())
         corrector.set_homing(True, device.homing_id or None)
         return truejoint.runtime.Compensator(corrector, device.robot, lag=lag)
@@ -115,11 +113,6 @@ class Simulated:
         made = options.make_twin(self.robot, parameters=self.twin, seed=self.seed, load=self.load)
         crtk = truejoint.crtk
         return (crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made)
-
-    def or_real(self, real: RealArm) -> AbstractContextManager[truejoint.crtk.Arm]:
-        """Give the arm, or the `real` one that is to be driven instead."""
-        its_own = (self.seed, self.twin != "nominal", self.real_time)
-        return real.or_twin(self.robot, self.backend, *its_own)
 
 
 def collect(
@@ -147,7 +140,7 @@ def collect(
         say("nothing is left to record")
         return Result({"recordings": []})
     with ExitStack() as stack:
-        device = stack.enter_context(simulated.or_real(real))
+        device = stack.enter_context(real.or_twin(simulated.robot, simulated.backend))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
         model = loop.read(device.robot)
@@ -183,19 +176,6 @@ def _recorded(
     say_dropped(recording)
     facts = {"tracking": report.to_dict(), "dropped": recording.provenance.dropped}
     return {"file": str(target), "rows": len(recording), **facts}
-
-
-def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
-    """Enable and home an arm, and register its joint encoders at the hard stops meanwhile."""
-    (device.resume if device.operating_state().state == "PAUSED" else device.enable)()
-    if truth is None and device.operating_state().is_homed:
-        return
-    say(f"Homing {device.robot.title} ...")
-    if truth is not None:
-        truth.start_registration()
-    device.home()
-    if truth is not None:
-        truth.register()
 
 
 def _to_record(

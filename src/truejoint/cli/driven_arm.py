@@ -4,67 +4,163 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 import truejoint
 from truejoint.cli import options
+from truejoint.cli.console import say
 from truejoint.cli.node import joined
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, RosError
 from truejoint.units import shown
 
 if TYPE_CHECKING:
+    from truejoint.cli.recording_options import Files
     from truejoint.crtk import Arm, Backend
+    from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.robots import Robot
+
+_LOOK: Final = 0.3  # [s] in which a set-point that is moved shows it
 
 
 @dataclass(frozen=True)
-class RealArm:
-    """Whether a real arm is driven, and which, an option each."""
+class ArmOnTopics:
+    """Which arm on ROS's topics, if any, an option each."""
 
     ros: int | None = None
     namespace: str = ""
     profile: str = ""
     truth: str = ""
-    yes_move_it: bool = False
 
     @contextmanager
-    def or_twin(self, robot: str, backend: Callable[[], Backend], *unused: object) -> Iterator[Arm]:
-        """Switch on the arm of a twin or, once somebody has agreed, the one on ROS's topics.
+    def over_ros(self, robot: Robot, *, controls: bool = False) -> Iterator[Arm]:
+        """Look on while others move the arm or, where it `controls`, be the only one who does."""
+        with joined("truejoint", self.ros or 1) as transport:
+            connected = partial(
+                truejoint.crtk.RosBackend, transport, robot, self.profile,
+                namespace=self.namespace, truth=self.truth,
+            )  # fmt: skip
+            with truejoint.crtk.Arm(connected(), controls=False) as device:
+                if not controls:
+                    yield device
+                    return
+                if _is_moved(device):
+                    raise CommandRefused(
+                        f"{robot.title} is moving: another program controls it; end that first"
+                    )
+            with truejoint.crtk.Arm(connected()) as device:
+                yield device
 
-        Options of the twin that are `unused` there are refused with `--ros`.
-        """
+
+@dataclass(frozen=True)
+class RealArm(ArmOnTopics):
+    """Whether a real arm is driven, and which, an option each."""
+
+    yes_move_it: bool = False
+
+    def or_twin(self, robot: str, backend: Callable[[], Backend]) -> AbstractContextManager[Arm]:
+        """Switch on the arm of a twin or, once somebody has agreed, the one on ROS's topics."""
         if self.ros is None:
-            with truejoint.crtk.Arm(backend()) as device:
-                yield device
-            return
-        if any(unused):
-            raise CommandRefused(
-                "--seed, --twin and --real-time are a simulated arm's: leave them out"
-            )
-        target = options.get_robot(robot)
-        self._agree(target)
-        with joined("truejoint", self.ros) as transport:
-            over_ros = truejoint.crtk.RosBackend(
-                transport, target, self.profile, namespace=self.namespace, truth=self.truth
-            )
-            with truejoint.crtk.Arm(over_ros) as device:
-                yield device
+            return truejoint.crtk.Arm(backend())
+        return self.driven(options.get_robot(robot))
 
-    def _agree(self, robot: Robot) -> None:
-        """Ask whether the arm may move; raises CommandRefused unless its name is typed."""
+    @contextmanager
+    def driven(self, robot: Robot) -> Iterator[Arm]:
+        """Control the arm on ROS's topics; raises CommandRefused unless its name is typed."""
         fastest = {
             joint.unit: shown(joint.max_speed, f"{joint.unit}/s")
             for joint in sorted(robot.joints, key=lambda joint: joint.max_speed)
         }
         name = f"{robot.name}:{robot.arm}" if robot.arm else robot.name
-        if self.yes_move_it:
-            return
         what = f"a real arm moves, {name}, at up to {' and '.join(fastest.values())}"
-        if not sys.stdin.isatty():
+        if not (self.yes_move_it or sys.stdin.isatty()):
             raise CommandRefused(f"{what}: agree in a terminal, or give --yes-move-it")
-        if typer.prompt(f"{what}. Type its name to go on", default="", err=True) != name:
+        prompt = f"{what}. Type its name to go on"
+        if not self.yes_move_it and typer.prompt(prompt, default="", err=True) != name:
             raise CommandRefused("nothing was moved: another name was typed")
+        with self.over_ros(robot, controls=True) as device:
+            yield device
+
+
+@dataclass(frozen=True)
+class BriefTruth(RealArm):
+    """A recording that is made on the spot, in place of a file, an option each."""
+
+    move: bool = False
+    duration_s: float = 10.0
+
+    def read(
+        self,
+        name: str | None,
+        files: Files,
+        model: truejoint.Calibration,
+        part: str | None = None,
+    ) -> truejoint.Recording:
+        """Read a recording or, with `--ros`, record the model's arm as others or we move it."""
+        if self.ros is None:
+            if name is None:
+                raise CommandRefused("name a RECORDING, or give --ros and --truth")
+            return files.one(name, part=part, model=model)
+        robot, duration, dt = model.machine, self.duration_s, model.origin.sample_dt
+        if not 1.0 <= duration <= 600.0:
+            raise CommandRefused(
+                f"--duration-s {duration:g}: give 1 to 600 s for what is recorded now"
+            )
+        with (self.driven if self.move else self.over_ros)(robot) as device:
+            if self.move:
+                home(device, None)
+            elif not device.operating_state().is_homed:
+                raise CommandRefused(f"{robot.title} is not homed: home it, or give --move")
+            say(f"Recording {robot.title} for {duration:g} s ...")
+            how = {"state_rate": 1.0 / dt} if dt else {}
+            recording = brief_recording(device, duration, moves=self.move, **how)
+        if not recording.joints_of("truth"):
+            raise RosError(f"{self.truth}: no truth came within {duration:g} s; is it the topic?")
+        return recording
+
+
+def _is_moved(device: Arm) -> bool:
+    """Whether others are at it: it says that it is busy, or its set-point does not stand."""
+    from truejoint.crtk.backends.ros import TOLERANCE
+    from truejoint.crtk.protocol import SILENCE
+
+    state = device.operating_state()
+    if not state.is_ready:
+        return state.is_busy
+    before = after = device.setpoint_js(SILENCE)
+    while after.t - before.t < _LOOK:
+        device.wait(_LOOK)
+        after = device.setpoint_js(SILENCE)
+    moved = abs(after.position - before.position)
+    return bool((moved > [TOLERANCE[joint.unit] for joint in device.robot.joints]).any())
+
+
+def home(device: Arm, truth: JointEncoders | None) -> None:
+    """Enable and home an arm, and register its joint encoders at the hard stops meanwhile."""
+    (device.resume if device.operating_state().state == "PAUSED" else device.enable)()
+    if truth is None and device.operating_state().is_homed:
+        return
+    say(f"Homing {device.robot.title} ...")
+    if truth is not None:
+        truth.start_registration()
+    device.home()
+    if truth is not None:
+        truth.register()
+
+
+def brief_recording(
+    device: Arm, duration: float, *, moves: bool = True, **how: Any
+) -> truejoint.Recording:
+    """Record so many seconds of a random motion, or of what others do; `how` as for `Recorder`."""
+    with truejoint.recordings.Recorder(device, **how) as recorder:
+        if moves:
+            motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
+            truejoint.motion.follow(device, motion)
+        else:
+            device.wait(duration)
+            device.operating_state()  # of an arm that has fallen silent there is none
+    return recorder.recording()

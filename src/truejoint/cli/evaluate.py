@@ -11,6 +11,7 @@ from typing import Final
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, print_table, progress, say
+from truejoint.cli.driven_arm import BriefTruth
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import (
     DataCheck,
@@ -179,15 +180,16 @@ def _by_title(paths: Sequence[str]) -> dict[str, truejoint.Calibration]:
 
 def check(
     model: Path,
-    recording: str,
     files: Files,
+    live: BriefTruth,
+    recording: str | None = None,
     level_percent: float | None = None,
     part: str | None = None,
 ) -> Result:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
     stated = options.share(level_percent)
     calibration = truejoint.read_calibration(model)
-    loaded = files.one(recording, part=part, model=calibration)
+    loaded = live.read(recording, files, calibration, part)
     with progress("Comparing with the truth"):
         result = truejoint.runtime.check_calibration(calibration, loaded, stated)
     rows = []

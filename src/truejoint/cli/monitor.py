@@ -8,8 +8,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import truejoint
+from truejoint.cli import options
 from truejoint.cli.console import out, say
-from truejoint.cli.options import make_twin
+from truejoint.cli.driven_arm import ArmOnTopics
 from truejoint.cli.recording_options import Files, read_trajectory
 from truejoint.errors import TruejointError
 from truejoint.robots.catalogue import DEFAULT
@@ -20,6 +21,7 @@ _DAY = 86400.0  # for which a pause may last [s]
 
 def monitor(
     files: Files,
+    live: ArmOnTopics,
     recording: str | None = None,
     model: Path | None = None,
     follow: Path | None = None,
@@ -31,8 +33,8 @@ def monitor(
 ) -> None:
     """Show an arm in the browser: reported, corrected and true pose, plots, statuses.
 
-    The page is on this computer alone unless --host says otherwise. A simulated arm homes and
-    moves in real time until Ctrl-C; the page's buttons pause and resume it.
+    The page is on this computer alone unless --host says otherwise. A simulated arm moves in real
+    time until Ctrl-C, one over ROS is looked at; the page's buttons pause and resume it.
     """
     calibration = None if model is None else truejoint.read_calibration(model)
     try:
@@ -45,14 +47,21 @@ def monitor(
                 if files != Files(robot=files.robot):
                     raise TruejointError("--columns and --metadata need a recording")
                 motions = None if follow is None else [read_trajectory(follow)]
-                how = {"parameters": twin or "nominal", "seed": seed or 0}
-                backend = truejoint.crtk.PacedBackend(make_twin(files.robot or DEFAULT, **how))
-                arm = stack.enter_context(truejoint.crtk.Arm(backend))
-                live = truejoint.monitor.ArmPage(
+                name = files.robot or DEFAULT
+                if live.ros is not None:
+                    of_model = calibration if not files.robot else None
+                    robot = of_model.machine if of_model else options.get_robot(name)
+                    arm = stack.enter_context(live.over_ros(robot))
+                else:
+                    how = {"parameters": twin or "nominal", "seed": seed or 0}
+                    backend = truejoint.crtk.PacedBackend(options.make_twin(name, **how))
+                    arm = stack.enter_context(truejoint.crtk.Arm(backend))
+                shows = truejoint.monitor.ArmPage(
                     arm, calibration, host=host, port=port, remote_control=remote_control
                 )
-                _open(stack.enter_context(live))
-                _move(arm, motions)
+                _open(stack.enter_context(shows))
+                if live.ros is None:
+                    _move(arm, motions)
             _wait()
     except KeyboardInterrupt:
         say("stopped")

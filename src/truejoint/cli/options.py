@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
@@ -14,8 +15,9 @@ import typer
 
 import truejoint
 from truejoint.cli.console import out, result_json
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, unknown
 from truejoint.summary import json_values
+from truejoint.units import display_unit
 
 CHECK_FAILED: Final = 1
 _DATASETS: Final = "recordings.datasets:DATASETS"
@@ -49,6 +51,22 @@ def number(option: str, text: str, value: str) -> float:
         return float(value)
     except ValueError:
         raise CommandRefused(f"{option} {text!r:.60}: {value!r:.40} is no number") from None
+
+
+def joint_values(
+    option: str, texts: Sequence[str] | None, units: Mapping[str, str]
+) -> dict[str, float]:
+    """Read texts like ``elbow=0.2``, in deg or mm, as values [rad or m] by joint of the `units`."""
+    values = {}
+    for joint, text in split_pairs(option, texts, "JOINT=VALUE").items():
+        if joint not in units:
+            raise CommandRefused(f"{option} {unknown('joint', joint, units)}")
+        shown = display_unit(units[joint])
+        value = number(option, f"{joint}={text}", text.removesuffix(shown.name))
+        if not math.isfinite(value):
+            raise CommandRefused(f"{option} {joint}={text}: give a finite number of {shown.name}")
+        values[joint] = value / shown.scale
+    return values
 
 
 def robot_and_arm(text: str) -> tuple[str, str]:
@@ -99,7 +117,7 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
             fields = inspect.signature(kind, eval_str=True).parameters  # type: ignore[arg-type]
             groups[name] = kind, list(fields)
             for each in fields.values():
-                add(each, getattr(kind, "__name__", ""), *sections)
+                add(each, *(of.__name__ for of in getattr(kind, "__mro__", ())), *sections)
         else:
             add(parameter, *sections)
     if signature.return_annotation in (Result, Result | None):
@@ -145,7 +163,7 @@ def _check_together(stated: set[str], entries: Mapping[str, Mapping[str, Any]]) 
     def flag(name: str) -> str:
         entry = entries[name]
         is_argument = entry.get("argument")
-        return str(entry["metavar"]) if is_argument else f"--{name.replace('_', '-')}"
+        return str(entry["metavar"]).strip("[]") if is_argument else f"--{name.replace('_', '-')}"
 
     for name in sorted(stated):
         needed, excluded = entries[name].get("needs", ()), entries[name].get("excludes", ())

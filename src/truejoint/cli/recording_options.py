@@ -324,13 +324,9 @@ def parse_part(text: str) -> tuple[float, float]:
 def parse_tolerances(texts: Sequence[str] | None, model: truejoint.Calibration) -> dict[str, float]:
     """Largest accepted RMSE [rad or m] by joint of a model, of texts like ``shoulder=0.2``."""
     units = {joint: model.units[f"measured/{joint}"] for joint in model.joints}
-    tolerances = {}
-    for joint, text in options.split_pairs("--tolerance", texts, "JOINT=VALUE").items():
-        if joint not in units:
-            raise RecordingError(f"--tolerance {unknown('joint', joint, units)}")
-        shown = display_unit(units[joint])
-        value = options.number("--tolerance", f"{joint}={text}", text.removesuffix(shown.name))
+    tolerances = options.joint_values("--tolerance", texts, units)
+    for joint, value in tolerances.items():
         if not value > 0:
-            raise RecordingError(f"--tolerance {joint}={text}: give {shown.name} above 0")
-        tolerances[joint] = value / shown.scale
+            unit = display_unit(units[joint]).name
+            raise RecordingError(f"--tolerance {joint}: give {unit} above 0")
     return tolerances

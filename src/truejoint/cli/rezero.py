@@ -10,6 +10,7 @@ from typing import Any
 import truejoint
 from truejoint import schema
 from truejoint.cli.console import out, print_table, progress
+from truejoint.cli.driven_arm import BriefTruth
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, NewModel
 from truejoint.cli.touch import report_touches
@@ -29,19 +30,24 @@ class Source:
 
 
 def rezero(
-    model: Path, new: NewModel, source: Source, files: Files, recording: str | None = None
+    model: Path,
+    new: NewModel,
+    source: Source,
+    files: Files,
+    live: BriefTruth,
+    recording: str | None = None,
 ) -> Result:
     """Re-zero a calibration after a homing or hours of work, and write it.
 
-    One of three sources gives the zero: truth in RECORDING, touches of a bolted block
-    (--touches, --bolted), or a jaw's motor (--motor).
+    One of four sources gives the zero: truth in RECORDING, truth of the arm on ROS's topics
+    (--ros, --truth), touches of a bolted block (--touches, --bolted), or a jaw's motor (--motor).
     """
     from truejoint.tip.block import TOUCH_SD
 
     calibration, tip = truejoint.read_calibration(model), truejoint.tip
-    if recording is None and source.touches is None:
-        raise CalibrationError("name the recording to re-zero from, or give --touches")
-    name = recording or str((source.touches or Path()).with_suffix(".parquet"))
+    if recording is None and source.touches is None and live.ros is None:
+        raise CalibrationError("name the recording to re-zero from, or give --touches or --ros")
+    name = recording or live.truth or str((source.touches or Path()).with_suffix(".parquet"))
     if source.touches is not None and source.bolted is not None:
         pose, made = tip.read_pose(source.bolted), tip.read_touches(source.touches)
         sd = TOUCH_SD if source.touch_sd_mm is None else source.touch_sd_mm / 1e3
@@ -56,7 +62,7 @@ def rezero(
             soft_wrap=True,
         )
         return result
-    loaded = files.one(name, model=calibration)
+    loaded = live.read(name, files, calibration)
     if source.motor is not None:
         by = None if source.motor == model else truejoint.read_calibration(source.motor)
         with progress("Comparing both sides of the cable"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -13,14 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
-from truejoint.cli.collect import home
+from truejoint.cli import options
 from truejoint.cli.console import command_line, out
-from truejoint.cli.driven_arm import RealArm
-from truejoint.cli.options import make_twin
+from truejoint.cli.driven_arm import RealArm, home
 from truejoint.errors import CommandRefused
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
-from truejoint.units import display_unit
+from truejoint.units import display_unit, with_unit
 
 if TYPE_CHECKING:
     from truejoint.motion.teleoperation import Teleoperation
@@ -37,29 +37,44 @@ def teleop(
     robot: str = DEFAULT,
     seed: int = 0,
     record: Path | None = None,
+    go_to: list[str] | None = None,
     force: bool = False,
 ) -> None:
     """Move an arm, simulated or with --ros real, by keys: joints, tool and grasper.
 
-    Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends.
+    Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends. --go-to needs no keys.
     """
+    import numpy as np
+
+    from truejoint.crtk.protocol import SILENCE
     from truejoint.motion.teleoperation import Teleoperation
+    from truejoint.robots.blocks import check_range
 
     if record is not None:
         check_target(record, overwrite=force)
-    if not sys.stdin.isatty():
-        raise CommandRefused("teleop reads keys from a terminal; run it in one")
+    target = options.get_robot(robot)
+    goals = options.joint_values("--go-to", go_to, {j.name: j.unit for j in target.joints})
+    goal = np.array([goals.get(name, math.nan) for name in target.joint_names])
+    check_range(target, goal[None], "--go-to")
+    if not goals and not sys.stdin.isatty():
+        raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --go-to")
 
     def backend() -> truejoint.crtk.Backend:
-        return truejoint.crtk.PacedBackend(make_twin(robot, seed=seed))
+        return truejoint.crtk.PacedBackend(options.make_twin(robot, seed=seed))
 
     with ExitStack() as stack:
-        device = stack.enter_context(real.or_twin(robot, backend, seed))
+        device = stack.enter_context(real.or_twin(robot, backend))
         home(device, None)
         if record is not None:
             about: Any = {"session": "teleoperation", "command": command_line()}
             recorder = truejoint.recordings.Recorder(device, path=record, overwrite=force, **about)
             stack.enter_context(recorder)
+        if goals:
+            here = device.setpoint_js(math.inf).position
+            device.move_jp(np.where(np.isnan(goal), here, goal)).wait()
+            now = zip(target.joints, device.measured_js(SILENCE).position.tolist(), strict=True)
+            out.print(", ".join(f"{joint.name} {with_unit(v, joint.unit)}" for joint, v in now))
+            return
         jog = stack.enter_context(truejoint.motion.Jog(device))
         count = _from_terminal(Teleoperation(jog))
     out.print(f"{count} keys; the arm is {device.operating_state().state}")

@@ -15,8 +15,8 @@ import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, print_table, progress, say
+from truejoint.cli.driven_arm import home
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, NewModel, check_page_target
 from truejoint.cli.show import is_model

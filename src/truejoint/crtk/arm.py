@@ -52,8 +52,8 @@ class Arm:
     backend : Backend
         For instance from `truejoint.crtk.simulated_arm`, which makes the arm as well.
     controls : bool
-        Whether this program moves the arm. Otherwise it looks on: commands are refused, and the arm
-        is left as it is.
+        Whether this program moves the arm. Otherwise it looks on: all commands but to pause and
+        resume are refused, and in the end the arm is left as it is.
 
     Attributes
     ----------
@@ -138,7 +138,8 @@ class Arm:
         Raises CommandRefused if it is not allowed now, the message says what to send first, or not
         done within `timeout` [s] of the robot's clock: by default 5 s, and 120 s for homing.
         """
-        self._check_control(command)
+        if command not in ("pause", "resume"):  # which move nothing by themselves
+            self._check_control(command)
         limit = timeout if timeout is not None else HOMING_TIMEOUT if command == "home" else TIMEOUT
         if not limit > 0.0:
             raise CommandRefused(f"{command!r} refused: timeout {limit} s; give more than 0 s")
@@ -320,8 +321,7 @@ class Arm:
     def wait(self, duration: float) -> None:
         """Let `duration` [s] of the robot's clock pass; enabled and homed, the arm holds.
 
-        Otherwise it stands on its brakes. A motion under way goes on
-        meanwhile.
+        Otherwise it stands on its brakes, or others hold it. A motion under way goes on meanwhile.
         """
         if not (isinstance(duration, Real) and 0.0 <= duration < math.inf):
             raise CommandRefused(
@@ -336,7 +336,7 @@ class Arm:
         rest_s = end - self.time
         if rest_s * self.rate < 0.5:
             return
-        if not self.operating_state().is_ready:
+        if not (self._controls and self.operating_state().is_ready):
             self._backend.wait(rest_s)
             return
         hold = self.latest_setpoint("wait")

@@ -135,7 +135,8 @@ class LiveSamples:
         if calibration is not None:
             calibration.check_robot(robot)
         self.robot: Final = robot
-        self.corrector: Final = None if calibration is None else Corrector(calibration)
+        self._calibration = calibration
+        self.corrector = None if calibration is None else Corrector(calibration)
         self._channels = robot.joint_channels
         names = robot.joint_names
         self._effort_units = tuple(default_unit(f"effort/{name}", robot) for name in names)
@@ -236,6 +237,11 @@ class LiveSamples:
             return position, half_width, Status.OK
         columns, title = state.columns(), self.robot.title
         missing = [name for name in self.corrector.signals if name not in columns]
+        if missing and self._calibration and self._calibration.redundant:
+            # As over most topics: go on without what would only check the positions.
+            self._calibration = self._calibration.without_redundant()
+            self.corrector = type(self.corrector)(self._calibration)
+            return position, half_width, Status.NOT_HOMED  # until it is told that it is
         if missing:
             raise CalibrationError(
                 f"{title} does not report {', '.join(missing)}, which the model needs"

@@ -170,17 +170,24 @@ def test_a_homing_is_stopped_by_whoever_pauses(served, monkeypatch):
 def test_one_who_looks_on_moves_nothing_and_leaves_the_arm_as_it_is(served, arm):
     with served.client(controls=False) as onlooker:
         assert onlooker.measured_js(LONG).position == pytest.approx(ROBOT.home)
-        for command in (onlooker.pause, onlooker.hold, lambda: onlooker.move_jp(ROBOT.home)):
+        for command in (onlooker.disable, onlooker.hold, lambda: onlooker.move_jp(ROBOT.home)):
             with pytest.raises(CommandRefused, match="looks on"):
                 command()
+        assert arm.operating_state().state == "ENABLED"
+        onlooker.pause()  # as anybody may
+        assert arm.operating_state().state == "PAUSED"
+        onlooker.resume()
     assert arm.operating_state().state == "ENABLED"
 
 
 def test_an_arm_that_is_not_there_is_refused_with_those_that_are(served, monkeypatch):
     monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 0.02)
     backend = RosBackend(served.ros, ROBOT, "crtk", namespace="/PSM1")
-    with pytest.raises(RosError, match=r"/PSM1/operating_state .* arms report under /arm1"):
+    with pytest.raises(RosError, match=r"/PSM1/operating_state .* arms report under /arm1: give"):
         Arm(backend)
+    near = RosBackend(served.ros, ROBOT, "crtk", namespace="/arn1")
+    with pytest.raises(RosError, match=r"under /arm1: did you mean '/arm1'\?"):
+        Arm(near)
     with pytest.raises(RosError, match="no arm reports: start the node"):
         Arm(RosBackend(LocalRos(), ROBOT))
     with pytest.raises(RobotError, match="profile"):
@@ -212,6 +219,9 @@ def test_a_subscriber_of_one_who_looks_on_pauses_nobody(served, arm, monkeypatch
         served.ros.subscribe(
             "/arm1/state_command", "crtk_msgs/StringStamped", lambda m: commands.append(m.string)
         )
+        onlooker.pause()
+        onlooker.resume()
+        commands.clear()
         onlooker.subscribe(fail)
         assert said.wait(LONG)
     assert not commands

@@ -19,7 +19,7 @@ from truejoint.crtk.protocol import ARRIVAL, SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import LEADS_TO, OperatingState, StateCommand
-from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
+from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError, meant
 from truejoint.robots import Robot
 from truejoint.robots.blocks import GRAIN, QUANTITIES, SETPOINT_DT, StateBlock, TruthBlock
 from truejoint.units import shown
@@ -268,7 +268,7 @@ class RosBackend:
     def _send_command(self, command: StateCommand) -> None:
         message = self._transport.stamped(STRING_STAMPED, self._transport.now())
         message.string = command
-        self._has_commanded = True
+        self._has_commanded |= command not in ("pause", "resume")
         self._command.publish(message)
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
@@ -446,9 +446,10 @@ class RosBackend:
         spaces = sorted(
             t.removesuffix(ending) for t in self._transport.topics() if t.endswith(ending)
         )
-        advice = "no arm reports: start the node of the robot"
+        advice = "no arm reports: start the node of the robot, in this ROS master or domain"
         if spaces:
-            advice = f"arms report under {', '.join(spaces)}: give one"
+            near = self._stream.namespace and meant(self._stream.namespace, spaces)
+            advice = f"arms report under {', '.join(spaces)}:{near or ' give one'}"
         return f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {advice}"
 
     def _on_operating(self, message: Any) -> None:
