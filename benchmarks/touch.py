@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
-from truejoint.tip.guide import Guide, choose_touches, design_pose, learning
+from truejoint.tip.plan import choose_touches, design_pose, learning
 
 from benchmarks import head, parsed
 from truejoint import Calibration, Recording, calibrate
@@ -200,11 +200,7 @@ def planned_points(arm: Arm, seed: int) -> tuple[Block, tuple[Array, Array], lis
     """Thirty dimples that tell most, six of them twice, in order, their pose and the sides."""
     block, *pose = printed_block(arm, seed)
     robot = arm.robot
-    guide = Guide(learning(robot, design_pose(block, robot)), 30, seed=seed)
-    stops = []
-    while (stop := guide.next_stop()) is not None:
-        stops.append(stop)
-        guide.skip(stop)
+    stops = learning(robot, design_pose(block, robot)).plan(30, seed)
     names, sides = [stop.dimple for stop in stops], np.array([stop.side for stop in stops])
     return block, (pose[0], pose[1]), names, sides
 
