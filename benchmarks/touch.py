@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
-from truejoint.tip.plan import choose_touches, design_pose, learning
 
 from benchmarks import head, parsed
 from truejoint import Calibration, Recording, calibrate
@@ -46,6 +45,7 @@ from truejoint.tip import (
     find_block,
     zero_by_touch,
 )
+from truejoint.tip.plan import choose_touches, design_pose, learning
 from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]
