@@ -107,19 +107,6 @@ def test_check_looks_on_and_rezero_mends(call, arm, model, tmp_path):
     assert arm.operating_state().state == "ENABLED"
 
 
-def test_check_moves_it_where_that_is_agreed(call, arm, model):
-    away = []
-    arm.subscribe(lambda block: away.append(block.measured[-1, 0])
-                  if hasattr(block, "measured") else None)  # fmt: skip
-    brief = (*OVER, "--truth", TRUTH, "--duration-s", "2", "--json")
-    said = call("check", model, *brief, "--move", "--yes-move-it")
-    assert said.code == 0, said.err
-    offsets = [joint["offset"] for joint in json.loads(said.out)["joints"]]
-    assert offsets == pytest.approx(OFFSET, abs=5e-3)
-    assert np.ptp(away) > 0.005
-    assert arm.operating_state().state == "PAUSED"
-
-
 def test_the_monitor_shows_it_and_leaves_it(call, arm, model, monkeypatch):
     conditions, corrected = [], []
 
@@ -193,14 +180,14 @@ def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monke
     assert "/none: no truth came within 1 s" in told.err
     with suppress(truejoint.errors.MotionStopped):
         motion = arm.move_jp(arm.robot.home + 0.5 * np.eye(7)[0], speed=np.full(7, 0.05))
-        told = call("check", model, *brief, "--move", "--yes-move-it")
+        told = call("teleop", *OVER, "--go-to", "elbow=80", "--yes-move-it")
         motion.cancel()
     assert told.code == 2
     assert "is moving: another program controls it" in told.err
     assert arm.operating_state().state == "ENABLED"  # nobody has paused it
     arm.unhome()
     arm.ros.wait_for("/arm1/operating_state", lambda m: not m.is_homed)
-    assert "is not homed: home it, or give --move" in call("check", model, *brief).err
+    assert "is not homed: home it first" in call("check", model, *brief).err
     monkeypatch.setattr("truejoint.crtk.ros.open_transport", lambda *_: LocalRos())
     told = call("check", model, *brief)
     assert told.code == 2

@@ -137,9 +137,7 @@ AT_ONCE = {
         ("", "name a RECORDING, or give --ros and --truth"),
         ("--ros 2", "--ros needs --truth"),
         ("--ros 2 --truth /t random.parquet", "--ros and RECORDING: give one of the two"),
-        ("--ros 2 --truth /t --yes-move-it", "--yes-move-it needs --move"),
         ("--ros 2 --truth /t --duration-s nan", "--duration-s nan: give 1 to 600 s"),
-        ("--ros 2 --truth /t --move", "raven2:left, at up to 50 mm/s and 143.2 deg/s: agree"),
         ("random.parquet --duration-s 3", "--duration-s needs --ros"),
     ],
     "study": [

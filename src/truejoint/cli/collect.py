@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, say
-from truejoint.cli.driven_arm import RealArm, brief_recording, home
+from truejoint.cli.driven_arm import RealArm, home
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
@@ -86,8 +86,10 @@ class Loop:
             return truejoint.runtime.motor_loop(device.robot, lag=lag) if self.closed_loop else None
         duration = _REZERO if self.rezero_s is None else self.rezero_s
         if duration > 0.0:
-            brief = brief_recording(device, duration, truth=truth)
-            model = model.at(truejoint.calibration.find_zero(model, brief))
+            motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
+            with truejoint.recordings.Recorder(device, truth=truth) as brief:
+                truejoint.motion.follow(device, motion)
+            model = model.at(truejoint.calibration.find_zero(model, brief.recording()))
         corrector = truejoint.runtime.Corrector(model.without_redundant())
         corrector.set_homing(True, device.homing_id or None)
         return truejoint.runtime.Compensator(corrector, device.robot, lag=lag)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import typer
 
@@ -87,10 +87,9 @@ class RealArm(ArmOnTopics):
 
 
 @dataclass(frozen=True)
-class BriefTruth(RealArm):
+class BriefTruth(ArmOnTopics):
     """A recording that is made on the spot, in place of a file, an option each."""
 
-    move: bool = False
     duration_s: float = 10.0
 
     def read(
@@ -98,26 +97,26 @@ class BriefTruth(RealArm):
         name: str | None,
         files: Files,
         model: truejoint.Calibration,
-        part: str | None = None,
     ) -> truejoint.Recording:
-        """Read a recording or, with `--ros`, record the model's arm as others or we move it."""
+        """Read a recording or, with `--ros`, record the model's arm while others move it."""
         if self.ros is None:
             if name is None:
                 raise CommandRefused("name a RECORDING, or give --ros and --truth")
-            return files.one(name, part=part, model=model)
+            return files.one(name, model=model)
         robot, duration, dt = model.machine, self.duration_s, model.origin.sample_dt
         if not 1.0 <= duration <= 600.0:
             raise CommandRefused(
                 f"--duration-s {duration:g}: give 1 to 600 s for what is recorded now"
             )
-        with (self.driven if self.move else self.over_ros)(robot) as device:
-            if self.move:
-                home(device, None)
-            elif not device.operating_state().is_homed:
-                raise CommandRefused(f"{robot.title} is not homed: home it, or give --move")
+        with self.over_ros(robot) as device:
+            if not device.operating_state().is_homed:
+                raise CommandRefused(f"{robot.title} is not homed: home it first")
             say(f"Recording {robot.title} for {duration:g} s ...")
             how = {"state_rate": 1.0 / dt} if dt else {}
-            recording = brief_recording(device, duration, moves=self.move, **how)
+            with truejoint.recordings.Recorder(device, **how) as recorder:
+                device.wait(duration)
+                device.operating_state()  # of an arm that has fallen silent there is none
+            recording = recorder.recording()
         if not recording.joints_of("truth"):
             raise RosError(f"{self.truth}: no truth came within {duration:g} s; is it the topic?")
         return recording
@@ -150,17 +149,3 @@ def home(device: Arm, truth: JointEncoders | None) -> None:
     device.home()
     if truth is not None:
         truth.register()
-
-
-def brief_recording(
-    device: Arm, duration: float, *, moves: bool = True, **how: Any
-) -> truejoint.Recording:
-    """Record so many seconds of a random motion, or of what others do; `how` as for `Recorder`."""
-    with truejoint.recordings.Recorder(device, **how) as recorder:
-        if moves:
-            motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
-            truejoint.motion.follow(device, motion)
-        else:
-            device.wait(duration)
-            device.operating_state()  # of an arm that has fallen silent there is none
-    return recorder.recording()

@@ -184,12 +184,11 @@ def check(
     live: BriefTruth,
     recording: str | None = None,
     level_percent: float | None = None,
-    part: str | None = None,
 ) -> Result:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
     stated = options.share(level_percent)
     calibration = truejoint.read_calibration(model)
-    loaded = live.read(recording, files, calibration, part)
+    loaded = live.read(recording, files, calibration)
     with progress("Comparing with the truth"):
         result = truejoint.runtime.check_calibration(calibration, loaded, stated)
     rows = []
