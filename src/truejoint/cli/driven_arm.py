@@ -112,7 +112,7 @@ class BriefTruth(ArmOnTopics):
             if not device.operating_state().is_homed:
                 raise CommandRefused(f"{robot.title} is not homed: home it first")
             say(f"Recording {robot.title} for {duration:g} s ...")
-            how = {"state_rate": 1.0 / dt} if dt else {}
+            how: dict[str, Any] = {"state_rate": 1.0 / dt} if dt else {}
             with truejoint.recordings.Recorder(device, **how) as recorder:
                 device.wait(duration)
                 device.operating_state()  # of an arm that has fallen silent there is none
