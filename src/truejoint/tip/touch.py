@@ -576,12 +576,12 @@ class TouchReport:
         """In words, what only the prior holds, and how far off it may be."""
         fit, block, zeros, words = self.fit, self.block, self.terms.zeros, list[str]()
         before = np.diag(fit.prior.precision)[zeros] ** -0.5
-        for name, sd, known, scale in zip(
+        for name, sd, prior_sd, scale in zip(
             self.terms.joints, fit.sd[zeros], before, self.terms.scale, strict=True
         ):
             unit = "rad" if scale == SPREAD["rad"] else "m"
             within = with_unit(float(sd * scale), unit)
-            if sd > _SEEN * known:
+            if sd > _SEEN * prior_sd:
                 words.append(f"zero of {name}: not seen, assumed within {within}")
             elif sd > _UNSURE:
                 words.append(f"zero of {name}: ± {within}")
@@ -589,15 +589,15 @@ class TouchReport:
         if block.scale_sd * size > _WORTH:  # nobody has measured it
             size_sd = float(fit.sd[fit.state.names.index(SCALE)])
             share, far = fit.state.scale / block.scale - 1.0, with_unit(size_sd * size, "m")
-            found = f"{100 * share:+.2f} % ± {100 * size_sd:.2f} %"
+            size_text = f"{100 * share:+.2f} % ± {100 * size_sd:.2f} %"
             if size_sd > _SIZED * block.scale_sd:
-                found = f"not seen, assumed within {100 * size_sd:.1f} %"
-            found += f", which is {far} of the tip: measure it, and enter measured_mm"
-            words.append(f"size of the print: {found}")
+                size_text = f"not seen, assumed within {100 * size_sd:.1f} %"
+            size_text += f", which is {far} of the tip: measure it, and enter measured_mm"
+            words.append(f"size of the print: {size_text}")
         elif not self.is_learned:
             what, far = "print" if block.robot else "frame", with_unit(0.01 * size, "m")
-            found = f"not seen, taken as stated; 1 % of it is {far} of the tip"
-            words.append(f"size of the {what}: {found}")
+            size_text = f"not seen, taken as stated; 1 % of it is {far} of the tip"
+            words.append(f"size of the {what}: {size_text}")
         held = np.delete(fit.rows.joint, fit.rows.columns, axis=1)
         if not block.robot and (np.ptp(held, axis=0) < _STILL).all():
             words.append(
@@ -605,8 +605,8 @@ class TouchReport:
             )
         noise = fit.rows.point_sd
         if not 1.0 / _ODD < noise / self.stated_noise < _ODD:
-            found, stated = (with_unit(sd, "m") for sd in (noise, self.stated_noise))
-            words.append(f"noise: the residuals say {found} per axis, not {stated} as stated")
+            residual, stated = (with_unit(sd, "m") for sd in (noise, self.stated_noise))
+            words.append(f"noise: the residuals say {residual} per axis, not {stated} as stated")
         if self.prior and not self.is_learned:
             words.append("the prior: the touches are likelier without it, so it was not used")
         return tuple(words)
@@ -762,12 +762,14 @@ def fit_terms(
 
 def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
     """Say which joint's own slope is away from 1 by more than its prior allows; empty if none."""
-    own = [k for k, kind in enumerate(terms.kinds) if kind == "slope"][:: len(terms.joints) + 1]
-    found, mean, sd = (a[own] for a in (fit.state.coefficients, expected.mean, expected.sd))
-    k = int(np.argmax(np.abs(found - mean) / sd))
-    if abs(found[k] - mean[k]) < _STEEP * sd[k]:
+    diagonal = [k for k, kind in enumerate(terms.kinds) if kind == "slope"][
+        :: len(terms.joints) + 1
+    ]
+    slopes, mean, sd = (a[diagonal] for a in (fit.state.coefficients, expected.mean, expected.sd))
+    k = int(np.argmax(np.abs(slopes - mean) / sd))
+    if abs(slopes[k] - mean[k]) < _STEEP * sd[k]:
         return ""
-    slope, middle = (1.0 + terms.scale[k] / terms.half[k] * c[k] for c in (found, mean))
+    slope, middle = (1.0 + terms.scale[k] / terms.half[k] * c[k] for c in (slopes, mean))
     reach = _STEEP * terms.scale[k] / terms.half[k] * sd[k]
     return (
         f"the slope of {terms.joints[k]} would be {slope:.2f}, where {middle - reach:.2f} to "
