@@ -63,7 +63,13 @@ def write_pages() -> None:
     for package in PACKAGES:
         name = f"truejoint.{package}".rstrip(".")
         module = import_module(name)
-        names = [each for each in module.__all__ if not hasattr(getattr(module, each), "__path__")]
+        exported = {each: getattr(module, each) for each in module.__all__}
+        names = [
+            each
+            for each, value in exported.items()
+            if not hasattr(value, "__path__")
+            and not (isinstance(value, type) and value.__name__ != each)  # a name's other name
+        ]
         rows = "\n".join(f"   {each}" for each in sorted(names))
         (api / f"{name}.rst").write_text(
             f"{name}\n{'=' * len(name)}\n\n.. currentmodule:: {name}\n\n"
