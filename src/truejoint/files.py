@@ -145,7 +145,7 @@ def read_small(path: Path, error: Kind, most: int, kind: str) -> bytes:
     require_ordinary(path, error)
     try:
         with path.open("rb") as file:
-            data = file.read(most + 1)
+            data = file.read(min(most, os.fstat(file.fileno()).st_size) + 1)
     except OSError as fault:
         raise error(f"{path}: cannot be read ({fault.strerror}); check the path") from None
     if len(data) > most:

@@ -121,7 +121,11 @@ def main() -> int:
         while time.monotonic() < ends:
             child = os.fork()
             if child == 0:
-                run_batch(options.seed, number, seeds, folder, at, ends)
+                try:
+                    run_batch(options.seed, number, seeds, folder, at, ends)
+                except BaseException:  # noqa: BLE001  # the folder is the parent's to remove
+                    traceback.print_exc()
+                    os._exit(2)
             _, code = os.waitpid(child, 0)
             number = int.from_bytes(at[:8], "little") + (os.WIFSIGNALED(code) or code == 0)
             if os.WIFSIGNALED(code):

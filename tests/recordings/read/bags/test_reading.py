@@ -88,8 +88,10 @@ def test_crtk_alone_has_all_bits(session, tmp_path):
         np.testing.assert_allclose(ours, theirs, rtol=1e-7 if atol else 0.0, atol=atol)
 
 
-def test_the_left_arm_is_where_the_profile_says(bag):
+def test_the_left_arm_is_where_the_profile_says(bag, session):
     assert "/arm2/measured_js" in bag_topics(bag)
+    found = read_bag(bag, session.robot, state="/arm2/measured_js")
+    assert found.robot == session.robot
     found = read_bag(bag, "raven2", "left", state="/arm2/measured_js")
     assert not found.joints_of("effort")
     assert not found.joints_of("setpoint")

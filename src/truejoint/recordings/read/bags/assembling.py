@@ -160,11 +160,13 @@ def require_topic(path: Path | str, topics: Topics, name: str) -> None:
         raise RecordingError(f"{path}: no topic {name!r}; {listed(topics)}")
 
 
-def robot_of(place: Path | str, topics: Topics, robot: str, arm: str) -> Robot:
+def robot_of(place: Path | str, topics: Topics, robot: str | Robot, arm: str) -> Robot:
     """Robot that is named, else RAVEN-II where its state is there; raises RecordingError.
 
     Its arm, unless that is named too, is the one whose name is a namespace of the topics.
     """
+    if isinstance(robot, Robot):
+        return get_robot(robot, arm)
     if robot:
         spaces = {part.lower() for name in topics for part in name.split("/")[:-1]}
         alone = spaces.intersection(arm_names(robot))

@@ -45,7 +45,7 @@ def bag_topics(bags: Bags) -> dict[str, tuple[str, int]]:
 
 def read_bag(
     bags: Bags,
-    robot: str = "",
+    robot: str | Robot = "",
     arm: str = "",
     *,
     profile: str = "",
