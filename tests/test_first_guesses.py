@@ -117,6 +117,7 @@ def test_a_first_guess_names_the_right_word(guess: str, word: str, names: dict[s
     [
         ("recording[5]", "recording[5]: give a column or a slice of times [s]"),
         ("recording['a':]", "give a column or a slice of times [s]"),
+        ("recording[1.0:'a']", "give a column or a slice of times [s]"),
         ("recording[::2]", "give a column or a slice of times [s]"),
         ("recording['truth/elbow']", "no column 'truth/elbow'; it has t, measured/jaw"),
         ("recording[9:10]", "0 rows"),

@@ -269,10 +269,13 @@ class Recording(Summarised):
         if isinstance(key, str):
             joints = self.joints_of(key)
             return self.columns(key, joints) if joints else self.column(key)
-        if not isinstance(key, slice) or isinstance(key.start or key.stop, str) or key.step:
+        is_plain = isinstance(key, slice) and key.step is None
+        ends: tuple[Any, Any] = (key.start, key.stop) if is_plain else (key, key)
+        if not is_plain or not all(end is None or isinstance(end, Real) for end in ends):
             raise RecordingError(f"recording[{key!r:.40}]: give a column or a slice of times [s]")
-        first, end = key.start, math.inf if key.stop is None else key.stop
-        return self.rows((self.t >= (-math.inf if first is None else first)) & (self.t < end))
+        first, end = ends
+        later = self.t >= (-math.inf if first is None else first)
+        return self.rows(later & (self.t < (math.inf if end is None else end)))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.table.columns)
