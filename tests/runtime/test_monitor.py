@@ -185,15 +185,18 @@ def test_garbage_leaves_finite_measures(calibration):
 def test_a_step_allocates_nothing_that_stays(monitor, calibration):
     rows = samples_of(motion(7), calibration.signals)
     monitor.reset()
-    for i in range(100):
-        monitor.step(i / 30, rows[i])
+    t, grown = 0.0, []
     tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    for i in range(100, 3000):
-        monitor.step(i / 30, rows[i])
-    grown = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    assert grown < 2000
+    try:
+        for _ in range(5):  # the least of five: other threads of the process allocate too
+            before = tracemalloc.get_traced_memory()[0]
+            for row in rows[:600]:
+                t += 1 / 30
+                monitor.step(t, row)
+            grown.append(tracemalloc.get_traced_memory()[0] - before)
+    finally:
+        tracemalloc.stop()
+    assert min(grown) < 500
 
 
 def test_what_it_cannot_work_with_is_refused(calibration):
