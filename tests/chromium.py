@@ -5,7 +5,6 @@ It speaks the DevTools protocol over the websocket that Chromium opens on this c
 
 from __future__ import annotations
 
-import base64
 import json
 import shutil
 import subprocess
@@ -108,11 +107,6 @@ class Chromium:
                 raise RuntimeError(f"never came true: {script}")
             time.sleep(0.05)
         return value
-
-    def picture(self, path: Path) -> None:
-        """Write a PNG of what is seen."""
-        data = self.call("Page.captureScreenshot", format="png")["data"]
-        path.write_bytes(base64.b64decode(data))
 
     def _note(self, method: str, params: Any) -> None:
         if method == "Runtime.exceptionThrown":

@@ -9,6 +9,7 @@ import signal
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,13 +133,18 @@ def lagging_backend() -> LaggingBackend:
     return LaggingBackend(0.02)
 
 
-@pytest.fixture
-def lagging_arm(lagging_backend: LaggingBackend) -> Arm:
-    """Arm on `lagging_backend`, enabled and homed."""
-    arm = Arm(lagging_backend)
+def homed(backend: Any) -> Arm:
+    """Arm on a back end, enabled and homed."""
+    arm = Arm(backend)
     arm.enable()
     arm.home()
     return arm
+
+
+@pytest.fixture
+def lagging_arm(lagging_backend: LaggingBackend) -> Arm:
+    """Arm on `lagging_backend`, enabled and homed."""
+    return homed(lagging_backend)
 
 
 Build = Callable[..., Recording]

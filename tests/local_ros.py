@@ -2,48 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 import threading
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
-from truejoint.crtk.messages import RAVEN_FIELDS, RAVEN_STATE
-
-
-def _pose(place: str, turn: str) -> dict[str, Any]:
-    return {
-        place: SimpleNamespace(x=0.0, y=0.0, z=0.0),
-        turn: SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0),
-    }
-
-
-_FIELDS: dict[str, dict[str, Any]] = {
-    "sensor_msgs/JointState": {"name": [], "position": [], "velocity": [], "effort": []},
-    "crtk_msgs/OperatingState": {"state": "", "is_homed": False, "is_busy": False},
-    "crtk_msgs/operating_state": {"state": "", "is_homed": False, "is_busy": False},
-    "crtk_msgs/StringStamped": {"string": ""},
-    "geometry_msgs/TwistStamped": {
-        "twist": SimpleNamespace(
-            linear=SimpleNamespace(x=0.0, y=0.0, z=0.0),
-            angular=SimpleNamespace(x=0.0, y=0.0, z=0.0),
-        )
-    },
-    "geometry_msgs/WrenchStamped": {},
-    "std_msgs/Float64": {"data": 0.0},
-    "std_msgs/Float64MultiArray": {"layout": SimpleNamespace(dim=[]), "data": []},
-    "std_msgs/MultiArrayDimension": {"label": "", "size": 0, "stride": 0},
-    "geometry_msgs/PoseStamped": {"pose": SimpleNamespace(**_pose("position", "orientation"))},
-    "geometry_msgs/TransformStamped": {
-        "transform": SimpleNamespace(**_pose("translation", "rotation"))
-    },
-    "std_msgs/Empty": {},
-    "diagnostic_msgs/DiagnosticArray": {"status": []},
-    "diagnostic_msgs/DiagnosticStatus": {"level": 0, "name": "", "message": "", "values": []},
-    "diagnostic_msgs/KeyValue": {},
-    RAVEN_STATE: {"runlevel": 0} | {name: [0.0] * 16 for name, _ in RAVEN_FIELDS.values()},
-}
+from truejoint.crtk.ros.dds_types import message_class
+from truejoint.crtk.ros.transport import header_of
 
 
 class LocalRos:
@@ -63,17 +28,16 @@ class LocalRos:
         return time.monotonic() + 1e9
 
     def message(self, kind: str) -> Any:
-        header = SimpleNamespace(stamp=0.0, frame_id="")
-        name = "hdr" if kind == RAVEN_STATE else "header"
-        return SimpleNamespace(**{name: header}, **copy.deepcopy(_FIELDS[kind]))
+        return self.stamped(kind, 0.0)
 
     def stamped(self, kind: str, t: float) -> Any:
-        message = self.message(kind)
-        (message.hdr if kind == RAVEN_STATE else message.header).stamp = t
-        return message
+        made = message_class(kind.replace("/", "/msg/"))()
+        for name in {"header", "hdr"} & vars(made).keys():
+            getattr(made, name).stamp = t
+        return made
 
     def seconds(self, message: Any) -> float:
-        return (message.hdr if hasattr(message, "hdr") else message.header).stamp
+        return header_of(message).stamp
 
     def publisher(self, topic: str, kind: str, *, latched: bool = False) -> Any:
         self.kinds[topic] = kind

@@ -149,12 +149,14 @@ def package(simulator, tmp_path_factory) -> Iterator[Package]:
 def robot(ros, simulator, package) -> Iterator[Arm]:
     """The simulated one, which has come up while the package was made."""
     said(simulator, "/arm1/measured_js")
-    patience, valid = pytest.MonkeyPatch(), Arm._valid  # others may have the processor for seconds
+    # Others may have the processor for seconds.
+    patience, newest = pytest.MonkeyPatch(), Arm.newest_state
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         patience.setattr(ros_backend, name, LONG)
-    patience.setattr(ros_backend, "_IN_FLIGHT", 0.5)  # by which the robot may be behind
+    for name in ("_STILL", "_IN_FLIGHT"):
+        patience.setattr(ros_backend, name, 1.0)  # by which the robot may be behind
     patience.setattr("truejoint.crtk.arm.SILENCE", LONG)
-    patience.setattr(Arm, "_valid", lambda arm, name, age: valid(arm, name, max(age, LONG)))
+    patience.setattr(Arm, "newest_state", lambda arm, name, age: newest(arm, name, max(age, LONG)))
     near = {"rad": np.radians(1.0), "m": 1e-3}  # its friction keeps the twin's motors off
     with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC, tolerance=near)) as arm:
         yield arm
@@ -220,7 +222,7 @@ def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
     raw, corrected, truth, by_c = (np.array(rows) for rows in heard.values())
     assert_corrected_alike(package.model, states, by_c)
     corrected = corrected[np.searchsorted(corrected[:, 0], raw[0, 0]) :]
-    settled = raw[0, 0] + RETURN  # from the raw positions of the time before it was homed
+    settled = corrected[0, 0] + RETURN  # from the raw positions of a node that has just begun
     at = np.isin(corrected[:, 0], raw[:, 0]) & (corrected[:, 0] > max(truth[0, 0], settled))
     t = corrected[at & (corrected[:, 0] < truth[-1, 0]), 0]
     values = [rows[np.searchsorted(rows[:, 0], t), 1:] for rows in (raw, corrected)]
@@ -394,7 +396,7 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
         with program(*module("node", "correct", day, "--profile", PROFILE)):
             until(lambda: said[-1:] == ["OK"], "the first corrected joints")
             began = len(corrected)
-            assert (np.abs(steer(ros)) < NEAR).all()
+            steer(ros)
             steps = [largest_step(rows) for rows in in_common(raw, corrected[began:])]
             assert (steps[1] <= 3.0 * steps[0]).all()  # the noise of efforts is in it
             simulator.terminate()
@@ -408,7 +410,7 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
             with ThreadPoolExecutor(1) as pool:
                 moved = pool.submit(run_along, robot, waves(2.0))
                 over_ros = ("--ros", "1", "--profile", PROFILE, "--truth", TRUTH_TOPIC)
-                truejoint_("rezero", day, *over_ros, "--duration-s", "5", "-o", morning)
+                truejoint_("rezero", day, *over_ros, "--duration-s", "3", "-o", morning)
                 moved.result()
             before, after = in_common(raw, corrected[last:])  # of a robot that is elsewhere now,
             assert (largest_step(after - before) < LARGEST_MOVE).all()  # the correction alone
@@ -434,8 +436,8 @@ def moves(arm: Arm) -> bool:
     return False
 
 
-def steer(ros: Transport) -> np.ndarray:
-    """A client with the corrected joints in its loop; how far they are from where it wants them."""
+def steer(ros: Transport) -> None:
+    """A client with the corrected joints in its loop, until they are where it wants them."""
     out = ros.publisher("/arm1/servo_jp", JOINT_STATE)
     until(lambda: out.readers > 0, "the robot to read servo_jp")
     lost, left, began, over = np.zeros(3), np.zeros(3), [], Event()
@@ -451,14 +453,13 @@ def steer(ros: Transport) -> np.ndarray:
         command = ros.stamped(JOINT_STATE, ros.now())
         command.position = wanted.tolist()
         out.publish(command)
-        if t > 3.0:
+        if t > 3.0 and (np.abs(left) < NEAR).all():  # sooner or later, as the machine is busy
             over.set()
 
     end = ros.subscribe("/arm1/corrected/measured_js", JOINT_STATE, take)
-    assert over.wait(LONG)
+    assert over.wait(LONG), left
     end()
     out.close()
-    return left
 
 
 EXTENT = np.array([0.1, 0.1, 0.01])  # [rad, m]

@@ -22,7 +22,7 @@ def test_go_to_random_motion_and_following_run_to_their_end(tmp_path):
         subprocess.Popen(robot, env=variables, stderr=subprocess.PIPE) as served,  # noqa: S603
     ):
         done = subprocess.run(  # noqa: S603 - Debian's Python, which knows nothing of truejoint
-            ["/usr/bin/python3", CLIENT, "2"],
+            ["/usr/bin/python3", CLIENT, "1"],
             env={**variables, "PYTHONPATH": ""},
             capture_output=True, text=True, timeout=600, check=False,
         )  # fmt: skip

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 
 from truejoint.robots import get_robot
-from truejoint.robots.blocks import TruthBlock
+from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.simulation import TwinOutput
+
+
+def hear(arm, count):
+    """State messages that an arm reports, one after the other, from now on."""
+    blocks, enough = [], threading.Event()
+
+    def keep(block):
+        if isinstance(block, StateBlock):
+            blocks.append(block)
+            if len(blocks) == count:
+                enough.set()
+
+    arm.subscribe(keep)
+    assert enough.wait(60.0)
+    arm.unsubscribe(keep)
+    return blocks[:count]
 
 
 class InstantTwin:

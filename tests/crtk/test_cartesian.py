@@ -5,12 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.conftest import homed
 
-from truejoint.crtk import cartesian, simulated_arm
+from truejoint.crtk import SimulatedBackend, cartesian, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Axis
+from truejoint.simulation import make_twin
 
 DVRK, RAVEN = get_robot("dvrk_psm"), get_robot("raven2", "left")
 INSIDE = {"raven2": RAVEN.home, "dvrk_psm": np.array([0.2, -0.1, 0.12, 0.3, 0.2, -0.3, 0.0])}
@@ -115,9 +117,7 @@ def test_what_is_no_pose_or_twist_is_refused(lagging_arm):
 
 def test_the_effort_is_that_on_the_joints():
     # Virtual work: torque at the capstans times their turn is effort on the joints times theirs.
-    arm = simulated_arm(seed=3)
-    arm.enable()
-    arm.home()
+    arm = homed(SimulatedBackend(make_twin(seed=3)))
     efforts = []
     arm.subscribe(lambda block: efforts.extend(getattr(block, "effort", [])))
     arm.wait(0.5)

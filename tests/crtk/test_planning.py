@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -38,7 +38,6 @@ def test_rest_before_and_after_is_exact():
     assert np.allclose(ends[2:], law.knots[-1], rtol=0, atol=1e-16)
 
 
-@settings(max_examples=60, deadline=None)
 @given(arrays(float, (6, 3), elements=st.floats(-0.2, 0.2)))
 def test_speed_acceleration_and_hull_are_bounded(knots):
     law = time_law(knots, SPEED)

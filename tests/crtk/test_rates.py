@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import threading
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.conftest import LaggingBackend
+from tests.conftest import LaggingBackend, homed
 from tests.crtk.faulty_backend import Fault, FaultyBackend
+from tests.runtime.test_compensator import Insertion
 
 from truejoint.crtk import Arm, PacedBackend
 from truejoint.crtk.arm import BRAKING
@@ -16,9 +16,9 @@ from truejoint.errors import MotionStopped, RobotError
 from truejoint.motion import Jog, Trajectory, follow, workspace_of
 from truejoint.recordings import Recorder
 from truejoint.robots import get_robot
-from truejoint.runtime import Compensator, Status
+from truejoint.runtime import Compensator
 
-from .instant_twin import InstantTwin
+from .instant_twin import InstantTwin, hear
 
 SPACE = workspace_of(get_robot("raven2"))
 STEP = np.array([0.04, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -36,10 +36,7 @@ def backend(rate):
 
 @pytest.fixture
 def arm(backend):
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
-    return arm
+    return homed(backend)
 
 
 def test_moves_take_their_time_and_servoing_its_speed(arm, backend, rate):
@@ -112,11 +109,8 @@ def test_jogging_keeps_its_speed(arm, backend, rate):
 
 
 def test_a_compensator_steps_at_a_part_of_the_rate(arm, rate):
-    told = SimpleNamespace(
-        joints=("insertion",), signals=("measured/insertion",), spike_speed=np.ones(1),
-        made_for=("raven2", "left"), correction=np.zeros(1), offset=np.full(1, 0.002),
-        position=np.zeros(1), step=lambda t, sample: Status.OK, release=lambda: None,
-    )  # fmt: skip
+    told = Insertion(0.0)
+    told.spike_speed, told.offset = np.ones(1), np.full(1, 0.002)
     loop = Compensator(told, arm.robot, rate=250.0, lag=0.02)
     start = arm.robot.home[2]
     n = round(2.0 * rate)
@@ -141,24 +135,13 @@ def test_a_fault_comes_with_the_grain_of_what_is_behind(backend):
 
 def test_a_paced_arm_runs_at_the_rate_it_is_told():
     backend = PacedBackend(InstantTwin(), rate=500.0)
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
-    stamps, enough = [], threading.Event()
-
-    def keep(block):
-        stamps.append(block.t[0])
-        if len(stamps) >= 20:
-            enough.set()
-
-    arm.subscribe(keep)
-    assert enough.wait(60.0)
+    arm = homed(backend)
+    running = hear(arm, 20)
     arm.pause()
-    count = len(stamps)
-    enough.clear()
-    assert enough.wait(60.0)  # paused, it goes on to report
+    paused = hear(arm, 5)  # paused, it goes on to report
     arm.close()
-    assert np.diff(stamps[: count + 5]) == pytest.approx(2e-3)
+    for blocks in (running, paused):
+        assert np.diff([block.t[0] for block in blocks]) == pytest.approx(2e-3)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.conftest import LaggingBackend
+from tests.conftest import LaggingBackend, homed
 from tests.crtk.faulty_backend import Fault, FaultyBackend
 
 from truejoint.crtk import Arm, Motion, SimulatedBackend, simulated_arm
@@ -33,13 +33,6 @@ def pausable_homing(backend, t):
     return begun
 
 
-def ready(backend):
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
-    return arm
-
-
 @settings(max_examples=40)
 @given(
     delay=st.floats(0.0, 4.0),
@@ -48,7 +41,7 @@ def ready(backend):
 )
 def test_every_motion_stops_within_a_piece_and_the_braking(delay, command, motion):
     backend = LaggingBackend(0.02)
-    arm = ready(backend)
+    arm = homed(backend)
     home, asked = arm.robot.home, []
 
     def stop(block):
@@ -129,7 +122,7 @@ def test_an_exception_in_a_subscriber_pauses_the_arm(lagging_arm, lagging_backen
 
 def test_left_by_an_exception_the_arm_is_paused(lagging_backend):
     def crash():
-        with ready(lagging_backend) as arm:
+        with homed(lagging_backend) as arm:
             arm.move_jp(arm.robot.home + FAR)
             raise ZeroDivisionError
 
@@ -201,7 +194,7 @@ def test_one_arm_has_one_controller():
 
 def test_old_state_is_no_measurement():
     inner = SimulatedBackend(make_twin("forceps", seed=1))
-    arm = ready(inner)
+    arm = homed(inner)
     assert arm.measured_js().t == pytest.approx(arm.time, abs=2e-3)
     inner.disconnect()  # its messages are lost
     arm.wait(0.5)
@@ -220,7 +213,7 @@ def test_old_state_is_no_measurement():
     ],
 )
 def test_what_the_robot_does_ends_a_motion(fault, match, state):
-    arm = ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
+    arm = homed(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
     assert arm.time < 13.0
     with pytest.raises(CommandRefused, match=match):
         arm.move_jp(arm.robot.home + FAR * 0.2).wait()
@@ -231,7 +224,7 @@ def test_what_the_robot_does_ends_a_motion(fault, match, state):
 
 def test_a_silent_arm_is_stopped_and_one_whose_encoder_slips():
     silent, slipping = (
-        ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
+        homed(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
         for fault in (Fault("silence", 13.0), Fault("slip", 13.0, "elbow", 0.05))
     )
     with pytest.raises(MotionStopped, match=r"no state message for 1\.. s; does it report"):
@@ -255,7 +248,7 @@ def test_a_silent_arm_is_stopped_and_one_whose_encoder_slips():
     ],
 )
 def test_who_sends_one_set_point_at_a_time_is_stopped_as_well(fault, match):
-    arm = ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
+    arm = homed(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
 
     def servo():
         home = arm.robot.home
@@ -273,7 +266,7 @@ def test_who_sends_one_set_point_at_a_time_is_stopped_as_well(fault, match):
 
 def test_a_slip_at_the_end_of_a_motion_stops_the_next_one():
     slip = Fault("slip", 13.0, "elbow", 0.05)
-    arm = ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [slip]))
+    arm = homed(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [slip]))
     arm.wait(12.9 - arm.time)
     arm.wait(0.15)  # a single piece
     with pytest.raises(MotionStopped, match=r"elbow jumped .* at t = 13\.00"):

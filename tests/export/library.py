@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.runtime.streams import run
 
 from truejoint.export.export_c import export_c
 
@@ -92,11 +93,4 @@ def exported(folder: Path, model, precision: str = "double", flags=SAME_BITS, **
 
 def expected(corrector, t, samples):
     """What a corrector gives, as `Library.run` does."""
-    status = np.empty(len(t), dtype=np.int32)
-    outputs = np.empty((3, len(t), len(corrector.joints)))
-    for row in range(len(t)):
-        if row % ACKNOWLEDGED == 0:
-            corrector.acknowledge()
-        status[row] = int(corrector.step(float(t[row]), samples[row]))
-        outputs[:, row] = corrector.position, corrector.half_width, corrector.correction
-    return status, *outputs
+    return run(corrector, t, samples, lambda row: row % ACKNOWLEDGED or corrector.acknowledge())

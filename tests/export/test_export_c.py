@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import re
 from dataclasses import replace
@@ -21,11 +20,6 @@ from truejoint.runtime import Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, recording
 from .library import Library, expected, exported, needs_compiler
-
-ESTIMATORS = (
-    Polynomial(0), Polynomial(1), Polynomial(2), Polynomial(3),
-    NeuralNetwork(hidden_layer_sizes=(9, 7)),
-)  # fmt: skip
 
 
 def random_stream(model, n: int, seed: int):
@@ -49,7 +43,7 @@ def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> floa
 
 
 @needs_compiler
-@settings(max_examples=9, deadline=None)
+@settings(max_examples=8)
 @given(data=st.data())
 def test_source_does_what_the_corrector_does(tmp_path_factory, data):
     operations = [
@@ -62,7 +56,7 @@ def test_source_does_what_the_corrector_does(tmp_path_factory, data):
     layers = st.lists(st.integers(1, 9), min_size=1, max_size=4)
     networks = st.builds(NeuralNetwork, hidden_layer_sizes=layers.map(tuple))
     model = calibration(
-        data.draw(st.sampled_from(ESTIMATORS[:4]) | networks),
+        data.draw(st.builds(Polynomial, st.integers(0, 3)) | networks),
         features,
         joints,
         data.draw(st.sampled_from(["error", "position"])),
@@ -73,13 +67,6 @@ def test_source_does_what_the_corrector_does(tmp_path_factory, data):
     library = exported(tmp_path_factory.mktemp("c"), model)
     assert library.functions.check() == 0
     assert_same_as_corrector(library, model, 400, data.draw(st.integers(0, 1000)))
-
-
-@needs_compiler
-@pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
-def test_long_streams_stay_equal(tmp_path, estimator):
-    model = calibration(estimator, HISTORY, rezero=0.0)
-    assert 0.25 < assert_same_as_corrector(exported(tmp_path, model), model, 2500, 3) < 0.95
 
 
 @needs_compiler
@@ -101,48 +88,6 @@ def test_many_signals_are_checked_in_a_loop(tmp_path):
     model = calibration(Polynomial(1), names, ("elbow",), rezero=0.0)
     model = replace(model, training_domain=replace(model.training_domain, distance=1e4))
     assert 0.3 < assert_same_as_corrector(exported(tmp_path, model), model, 300, 3) < 1.0
-
-
-@needs_compiler
-@pytest.mark.parametrize(
-    ("estimator", "target"),
-    [(ESTIMATORS[-1], "position"), *((one, "error") for one in ESTIMATORS)],
-    ids=str,
-)
-def test_single_precision_is_as_far_off_as_its_header_says(tmp_path, estimator, target, capfd):
-    model = calibration(estimator, HISTORY, target=target)
-    assert exported(tmp_path, model, "float").functions.check() == 0
-    ctypes.CDLL(None).fflush(None)
-    measured = float(re.search(r"largest difference (\S+)", capfd.readouterr().out)[1])
-    stated = float(re.search(r"within (\S+) \(rad", (tmp_path / "m.h").read_text())[1])
-    assert 1e-10 < measured <= stated < 2e-5
-
-
-@needs_compiler
-def test_reset_forgets_the_samples_and_nothing_else(tmp_path):
-    model = calibration(Polynomial(1), HISTORY)
-    library = exported(tmp_path, model)
-    t, samples = random_stream(model, 300, 1)
-    library.functions.start()
-    fresh = library.run(t[150:], samples[150:], 3)
-    library.functions.start()
-    library.run(t[:150], samples[:150], 3)
-    library.functions.forget_all()
-    again = library.run(t[150:], samples[150:], 3)
-    for one, other in zip(fresh, again, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert (fresh[0] == 0).any()
-
-
-@needs_compiler
-def test_check_notices_a_changed_number(tmp_path):
-    model = calibration(Polynomial(1), PLAIN)
-    export_c(model, tmp_path, prefix="m")
-    source = tmp_path / "m.c"
-    head, name, rest = source.read_text().partition("double m_model_intercept[4] = {\n    ")
-    value, comma, after = rest.partition(",")
-    source.write_text(f"{head}{name}{float(value) + 1e-9!r}{comma}{after}")
-    assert Library(tmp_path).functions.check() == 1
 
 
 @pytest.mark.parametrize(

@@ -31,19 +31,17 @@ def run(*words: object):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
-def test_c_source_is_written_where_asked(model, tmp_path):
-    result = run(model, "--to", "c", "--out", tmp_path / "c", "--prefix", "arm", "--json")
+def test_c_source_is_written_where_asked_and_the_check_is_named(model, tmp_path):
+    words = (model, "--to", "c", "--out", tmp_path / "c", "--prefix", "arm")
+    result = run(*words, "--json")
     assert result.exit_code == 0, result.output
     files = json.loads(result.output)["files"]
     assert sorted(files) == sorted(str(path) for path in (tmp_path / "c").iterdir())
-    assert str(tmp_path / "c" / "arm.c") in files
-
-
-def test_the_check_is_named(model, tmp_path):
-    result = run(model, "--to", "c", "--out", tmp_path, "--precision", "float")
+    assert isinstance(run(*words).exception, ExportError)  # nothing is overwritten
+    result = run(*words, "--force", "--precision", "float")
     assert result.exit_code == 0, result.output
-    assert "raven2_left_check.c -lm -o check && ./check" in result.output.replace("\n", "")
-    assert "float" in (tmp_path / "raven2_left.c").read_text()
+    assert "arm_check.c -lm -o check && ./check" in result.output.replace("\n", "")
+    assert "float" in (tmp_path / "c" / "arm.c").read_text()
 
 
 def test_onnx_graph_is_written_where_asked(model, tmp_path):
@@ -72,10 +70,3 @@ def test_a_wrong_choice_is_refused_before_the_model_is_read(tmp_path, words):
     result = run(tmp_path / "none", *words, "--out", tmp_path / "out")
     assert result.exit_code == 2
     assert repr(words[-1]) in result.output
-
-
-def test_nothing_is_overwritten_unless_forced(model, tmp_path):
-    words = (model, "--to", "c", "--out", tmp_path)
-    assert run(*words).exit_code == 0
-    assert isinstance(run(*words).exception, ExportError)
-    assert run(*words, "--force").exit_code == 0

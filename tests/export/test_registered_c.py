@@ -98,29 +98,32 @@ def test_optimised_as_users_do_it_differs_in_the_last_bits_only(library, name):
     compare(optimised, model(name), name, close)
 
 
-@needs_compiler
-@pytest.mark.parametrize(
-    ("name", "rezero"), [("dnn", 0.0), ("play_both", 10.0), ("ukf_friction", 10.0)]
-)
-def test_an_interval_is_stated_with_the_same_bits(tmp_path, name, rezero):
-    widths = np.full((1, len(model(name).joints)), 0.003)
-    interval = Interval(np.array([0.9]), widths, widths, 2.0, rezero, 12, 12)
-    calibration = replace(model(name), interval=interval)
-    library = exported(tmp_path, calibration, flags=PLAIN)
-    assert library.functions.check() == 0
-    compare(library, calibration, name, np.testing.assert_array_equal)
+def with_interval(plain, rezero: float):
+    """Calibration that states an interval, which holds after so many seconds of truth."""
+    widths = np.full((1, len(plain.joints)), 0.003)
+    return replace(plain, interval=Interval(np.array([0.9]), widths, widths, 2.0, rezero, 12, 12))
 
 
-@needs_compiler
-@pytest.mark.parametrize("name", ["dnn", "ukf_elastic"])
-def test_a_zero_that_moved_is_in_the_source(tmp_path, name):
-    plain = model(name)
+def with_moved_zero(plain, shift: float):
+    """Calibration of which the zero of all inputs and outputs has moved."""
     domain = plain.training_domain
     spans = (domain.signal_upper - domain.signal_lower)[: len(plain.signals)]
     moves = np.tile(spans[:, None], len(plain.joints))
-    calibration = replace(plain, moves=moves).shifted(np.full(len(plain.joints), 0.02))
-    assert calibration.signal_shift.any()
-    library = exported(tmp_path, calibration)
+    moved = replace(plain, moves=moves).shifted(np.full(len(plain.joints), shift))
+    assert moved.signal_shift.any()
+    return moved
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "change", "by"),
+    [("dnn", with_interval, 0.0), ("play_both", with_interval, 10.0),
+     ("ukf_friction", with_interval, 10.0), ("dnn", with_moved_zero, 0.02),
+     ("ukf_elastic", with_moved_zero, 0.02)],
+)  # fmt: skip
+def test_an_interval_and_a_zero_that_moved_are_in_the_source(tmp_path, name, change, by):
+    calibration = change(model(name), by)
+    library = exported(tmp_path, calibration, flags=PLAIN)
     assert library.functions.check() == 0
     compare(library, calibration, name, np.testing.assert_array_equal)
 
@@ -147,16 +150,16 @@ def test_single_precision_is_no_further_off_than_its_header_says(library, name):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["play_gated", "ukf_compensated", "ukf_friction"])
+@pytest.mark.parametrize("name", ["dnn", "play_gated", "ukf_compensated", "ukf_friction"])
 def test_reset_forgets_the_history(library, name):
-    t, samples = stream(name, 600, 1)
-    exported_ = library(name)
-    exported_.functions.start()
-    fresh = exported_.run(t[300:], samples[300:], 1)
-    exported_.functions.start()
-    exported_.run(t[:300], samples[:300], 1)
-    exported_.functions.forget_all()
-    for one, other in zip(fresh, exported_.run(t[300:], samples[300:], 1), strict=True):
+    (t, samples), made, n = stream(name, 600, 1), library(name), len(model(name).joints)
+    made.functions.start()
+    fresh = made.run(t[300:], samples[300:], n)
+    assert (fresh[0] == 0).any()
+    made.functions.start()
+    made.run(t[:300], samples[:300], n)
+    made.functions.forget_all()
+    for one, other in zip(fresh, made.run(t[300:], samples[300:], n), strict=True):
         np.testing.assert_array_equal(one, other)
 
 

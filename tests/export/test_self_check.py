@@ -67,8 +67,11 @@ class Source:
 
 
 @needs_compiler
-@pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("name", ["linear", "dnn", "rich_trees", "gp", "ukf_compensated"])
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [("linear", "double"), ("dnn", "float"), ("rich_trees", "double"), ("gp", "float"),
+     ("ukf_compensated", "double")],
+)  # fmt: skip
 def test_every_number_that_is_wrong_is_noticed(tmp_path, name, precision):
     """Learnt numbers, thresholds and leaves of trees, limits, and where things are."""
     source = Source(tmp_path, model(name), precision)

@@ -222,10 +222,10 @@ def test_a_hundred_tabs_and_connections_that_say_nothing_are_refused(view, said,
 
 ATTACKS = {
     "frame": "new Promise(r => {const f = document.createElement('iframe'); f.src = TARGET;"
-    "document.body.append(f); setTimeout(r, 2000, '')})",
+    "document.body.append(f); setTimeout(r, 1000, '')})",
     "object": "new Promise(r => {const f = document.createElement('object'); f.data = TARGET;"
     "f.onload = () => r('shown'); f.onerror = () => r(''); document.body.append(f);"
-    "setTimeout(r, 2000, '')})",
+    "setTimeout(r, 1000, '')})",
     "fetch": "fetch(TARGET).then(r => r.text()).catch(() => '')",
     "fetch without CORS": "fetch(TARGET, {mode: 'no-cors'}).then(r => r.text()).catch(() => '')",
     "script": "new Promise(r => {const s = document.createElement('script'); s.src = TARGET;"
@@ -244,10 +244,10 @@ ATTACKS = {
     "form": "new Promise(r => {const f = document.createElement('form'); f.action = TARGET;"
     "f.method = 'post'; f.target = 'of_form'; f.innerHTML = '<input name=value value=true>';"
     "const i = document.createElement('iframe'); i.name = 'of_form'; document.body.append(i, f);"
-    "f.submit(); setTimeout(r, 1500, '')})",
+    "f.submit(); setTimeout(r, 1000, '')})",
     "beacon": "new Promise(r => {navigator.sendBeacon(TARGET, PRESS); setTimeout(r, 500, '')})",
     "window": "new Promise(r => {const w = open(TARGET); setTimeout(() => {let got = '';"
-    "try {got = w.document.body.innerText} catch {} r(got)}, 1500)})",
+    "try {got = w.document.body.innerText} catch {} r(got)}, 1000)})",
 }
 
 
@@ -297,7 +297,7 @@ def test_pages_of_other_origins_neither_read_nor_press(view, pressed, evil, tmp_
         assert got.pop("rebind").startswith("Refused: asked for by the name 'rebound.example'")
         browser.open(f"{view.url}/?websocket=ws://evil.example:{evil.server_port}/")
         browser.until("document.querySelectorAll('script').length > 1")
-        browser.evaluate("new Promise(r => setTimeout(r, 1500))")
+        browser.evaluate("new Promise(r => setTimeout(r, 800))")
         assert "websocket" not in evil.asked
         assert opened == []  # so that no frame runs the page either
         assert {name: text for name, text in got.items() if text} == {}

@@ -13,9 +13,7 @@ import urllib.request
 import numpy as np
 import pytest
 from tests import chromium
-from tests.crtk.faulty_backend import Fault, FaultyBackend
 
-from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
 from truejoint.monitor import ArmPage, RecordingPage, pages
 from truejoint.monitor.page import PLOT_EVERY
@@ -101,19 +99,6 @@ def test_an_arm_that_stops_reporting_turns_grey(page, lagging_arm, lagging_backe
     _move(lagging_arm)
     page._frame()
     assert tubes.batched_colors.tolist() == coloured
-
-
-def test_a_fault_is_told(by_hand, lagging_backend):
-    arm = Arm(FaultyBackend(lagging_backend, [Fault("fault", 3.0)]))
-    arm.enable()
-    arm.home()
-    with ArmPage(arm, port=0) as page:
-        page._frame()
-        assert "no state message yet" in page._page._status.content
-        lagging_backend.time = 3.0
-        page._frame()
-        assert "FAULT" in page._page._status.content
-        assert "clear the fault on the robot" in page._page._status.content
 
 
 def test_a_model_that_the_arm_cannot_serve_is_named_and_the_arm_still_shown(

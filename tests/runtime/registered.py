@@ -29,6 +29,7 @@ from truejoint.studies.forceps.motions import record_forceps
 from truejoint.studies.wrist import motions
 
 from . import streams
+from .streams import ready
 
 FEW_PLAYS = Plays(
     plays=(0.01, 0.1), time_constants=(0.02,)
@@ -138,13 +139,6 @@ def unseen(name: str) -> Recording:
     if at_the_motor(name):
         return forceps()[1].rows(np.arange(500, 3500))
     return streams.recording(np.arange(0.0, 60.0, 1 / 30), seed=5)
-
-
-def ready(calibration, **options) -> Corrector:
-    """Corrector (also of a file) of a robot that is homed as in training."""
-    corrector = Corrector(calibration, **options)
-    corrector.set_homing(True)
-    return corrector
 
 
 def ready_unless_refused(folder: Path, content: bytes) -> Corrector | None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tracemalloc
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.estimators import JointRegressor
 from truejoint.recordings import Provenance, Recording
+from truejoint.runtime import Corrector
 
 MINUTE = np.arange(0.0, 60.0, 1 / 30)
 JOINTS = ("shoulder", "elbow")
@@ -79,6 +82,61 @@ def faulty(t, samples, seed: int, kinds=range(8)):
         else:
             samples[row : row + 10, column] += 0.05 * span[column] * np.arange(10)
     return t, samples
+
+
+FAULT = 1500
+"""Row at which a fault of `changed` begins."""
+
+
+def changed(where: Any, change: Callable[[Any], Any], rows: int | None = None):
+    """What puts a fault into stamps and samples: so many rows of ``"t"``, or of some signals."""
+
+    def put(t: np.ndarray, samples: np.ndarray) -> None:
+        span = slice(FAULT, None if rows is None else FAULT + rows)
+        array, place = (t, span) if where == "t" else (samples, (span, where))
+        array[place] = change(array[place])
+
+    return put
+
+
+def ready(model: Any, **options: Any) -> Corrector:
+    """Corrector (also of a file) of a robot that is homed as in training."""
+    corrector = Corrector(model, **options)
+    corrector.set_homing(True)
+    return corrector
+
+
+def run(corrector, t, samples, before: Callable[[int], object] = bool):
+    """Status bits (n,), positions, half-widths and corrections (n, n_joints) of a stream.
+
+    `before` is called with the number of each row.
+    """
+    status = np.empty(len(t), dtype=np.int32)
+    outputs = np.empty((3, len(t), len(corrector.joints)))
+    for row in range(len(t)):
+        before(row)
+        status[row] = int(corrector.step(float(t[row]), samples[row]))
+        outputs[:, row] = corrector.position, corrector.half_width, corrector.correction
+    return status, *outputs
+
+
+def least_memory(passes: Iterable[Callable[[], object]]) -> tuple[int, int]:
+    """Memory [bytes] that one of several passes takes meanwhile, and keeps: the least of all.
+
+    Other threads of the process allocate too.
+    """
+    used = []
+    tracemalloc.start()
+    try:
+        for one in passes:
+            before = tracemalloc.get_traced_memory()[0]
+            tracemalloc.reset_peak()
+            one()
+            used.append([now - before for now in tracemalloc.get_traced_memory()])
+    finally:
+        tracemalloc.stop()
+    kept, peaks = zip(*used, strict=True)
+    return min(peaks), min(kept)
 
 
 class OneByOne:

@@ -12,11 +12,21 @@ from truejoint.calibration.interval import Interval
 from truejoint.errors import CalibrationError
 from truejoint.runtime import Corrector, OnFault, Status
 
-from .streams import HISTORY, JOINTS, SIGNALS, recording, stream, trained
+from .streams import (
+    FAULT,
+    HISTORY,
+    JOINTS,
+    SIGNALS,
+    changed,
+    ready,
+    recording,
+    run,
+    stream,
+    trained,
+)
 
 RATE = 1000.0
 T = np.arange(0.0, 8.0, 1.0 / RATE)
-FAULT = 1500  # row at which a fault begins
 MEASURED = [0, 2]
 SPEED = np.array([np.radians(2.0), np.radians(2.0)])
 
@@ -26,37 +36,10 @@ def calibration():
     return trained(features=tuple(feature for feature in HISTORY if "lag" not in feature))
 
 
-def homed(calibration, **options):
-    made = Corrector(calibration, **options)
-    made.set_homing(True, "h1")
-    return made
-
-
-def run(corrector, t, samples, before=lambda row: None):
-    """Status bits, positions and half-widths of a stream; `before` is called with each row."""
-    bits, positions, widths = [], [], []
-    for row, (stamp, sample) in enumerate(zip(t.tolist(), samples, strict=True)):
-        before(row)
-        bits.append(int(corrector.step(stamp, sample)))
-        positions.append(corrector.position.copy())
-        widths.append(corrector.half_width.copy())
-    return np.array(bits), np.array(positions), np.array(widths)
-
-
-def nan(_t, samples):
-    samples[FAULT : FAULT + 400, 1] = np.nan
-
-
-def freeze(_t, samples):
-    samples[FAULT : FAULT + 3000] = samples[FAULT]
-
-
-def spike(_t, samples):
-    samples[FAULT : FAULT + 3, 0] += 0.2
-
-
-def far_out(_t, samples):
-    samples[FAULT : FAULT + 2500, 3] += 5.0
+nan = changed(1, lambda _: np.nan, 400)
+far_out = changed(3, lambda part: part + 5.0, 2500)
+freeze = changed((0, 1, 2, 3), lambda part: part[0], 3000)
+spike = changed(0, lambda part: part + 0.2, 3)
 
 
 def gap(t, samples):
@@ -65,17 +48,17 @@ def gap(t, samples):
 
 
 def test_nothing_is_held_of_a_healthy_stream(calibration):
-    bits, positions, _ = run(homed(calibration), T, stream(T))
+    bits, positions, *_ = run(ready(calibration), T, stream(T))
     assert not bits.any()
-    raw = run(homed(calibration, on_fault="raw"), T, stream(T))
+    raw = run(ready(calibration, on_fault="raw"), T, stream(T))
     np.testing.assert_array_equal(positions, raw[1])
 
 
-@pytest.mark.parametrize("put", [nan, freeze, spike, far_out, gap])
+@pytest.mark.parametrize("put", [nan, freeze, spike, far_out, gap], ids="nfsog")
 def test_a_correction_never_leaps(calibration, put):
     t, samples = T.copy(), stream(T)
     put(t, samples)
-    bits, positions, widths = run(homed(calibration), t, samples)
+    bits, positions, widths, _ = run(ready(calibration), t, samples)
     assert bits.any()
     assert not bits[-1]
     applied = positions - samples[:, MEASURED]
@@ -84,7 +67,7 @@ def test_a_correction_never_leaps(calibration, put):
     assert (np.abs(np.diff(applied, axis=0))[doubted[1:]] <= bound[doubted[1:]]).all()
     assert np.isinf(widths[doubted]).all()
     # Beside what the model itself says anew, it goes back to it at that speed.
-    believed = run(homed(calibration, on_fault="raw"), t, samples)
+    believed = run(ready(calibration, on_fault="raw"), t, samples)
     rest = np.where(doubted[:, None], np.nan, positions - believed[1])
     steps = np.nan_to_num(np.abs(np.diff(rest, axis=0)))
     assert (steps <= bound).all()
@@ -93,7 +76,7 @@ def test_a_correction_never_leaps(calibration, put):
 
 @pytest.mark.parametrize("action", ["other homing", "not homed"])
 def test_a_homing_that_does_not_fit_is_no_leap(calibration, action):
-    corrector = homed(calibration)
+    corrector = ready(calibration)
 
     def before(row):
         if row == FAULT:
@@ -101,7 +84,7 @@ def test_a_homing_that_does_not_fit_is_no_leap(calibration, action):
         elif row == FAULT + 3000:
             corrector.set_homing(True, "h1")
 
-    bits, positions, _ = run(corrector, T, stream(T), before)
+    bits, positions, *_ = run(corrector, T, stream(T), before)
     applied = positions - stream(T)[:, MEASURED]
     steps = np.abs(np.diff(applied, axis=0))
     doubted = bits != 0
@@ -121,8 +104,8 @@ def test_while_it_returns_the_half_width_holds_what_is_missing():
     model = replace(model, interval=Interval(np.array([0.9]), widths, widths, 2.0, 0.0, 12, 12))
     t, samples = T.copy(), stream(T)
     far_out(t, samples)
-    bits, positions, widths = run(homed(model), t, samples)
-    _, believed, stated = run(homed(model, on_fault="raw"), t, samples)
+    bits, positions, widths, _ = run(ready(model), t, samples)
+    _, believed, stated, _ = run(ready(model, on_fault="raw"), t, samples)
     good = bits == 0
     rest = np.abs(positions[good] - believed[good])
     assert rest.max() > 1e-3
@@ -133,17 +116,17 @@ def test_a_correction_that_is_believed_again_soon_moves_on_at_the_stated_speed(c
     t, samples = T.copy(), stream(T)
     nan(t, samples)
     fast = OnFault(speed_rad_s=1e3)
-    _, positions, _ = run(homed(calibration, on_fault=fast), t, samples)
-    _, believed, _ = run(homed(calibration, on_fault="raw"), t, samples)
+    _, positions, *_ = run(ready(calibration, on_fault=fast), t, samples)
+    _, believed, *_ = run(ready(calibration, on_fault="raw"), t, samples)
     np.testing.assert_array_equal(positions[FAULT + 400 :], believed[FAULT + 400 :])
 
 
 def test_it_may_be_silent_or_give_what_is_measured(calibration):
     t, samples = T.copy(), stream(T)
     nan(t, samples)
-    bits, silent, _ = run(homed(calibration, on_fault="silent"), t, samples)
+    bits, silent, *_ = run(ready(calibration, on_fault="silent"), t, samples)
     assert np.isnan(silent[bits != 0]).all()
-    _, raw, widths = run(homed(calibration, on_fault="raw"), t, samples)
+    _, raw, widths, _ = run(ready(calibration, on_fault="raw"), t, samples)
     np.testing.assert_array_equal(raw[bits != 0], samples[bits != 0][:, MEASURED])
     np.testing.assert_array_equal(silent[bits == 0], raw[bits == 0])
     assert np.isinf(widths[bits != 0]).all()
@@ -156,10 +139,10 @@ def test_messages_that_come_again_or_late_are_no_event(calibration):
         np.arange(len(T)) + np.where(rng.random(len(T)) < 0.2, rng.uniform(0, 5, len(T)), 0)
     )
     order = np.repeat(order, 1 + (rng.random(len(T)) < 0.01))
-    bits, positions, _ = run(homed(calibration), T[order], samples[order])
+    bits, positions, *_ = run(ready(calibration), T[order], samples[order])
     assert not bits.any()
     applied = positions - samples[order][:, MEASURED]
-    clean = run(homed(calibration), T, samples)[1] - samples[:, MEASURED]
+    clean = run(ready(calibration), T, samples)[1] - samples[:, MEASURED]
     assert np.abs(np.diff(applied, axis=0)).max() < 7 * np.abs(np.diff(clean, axis=0)).max()
 
 
@@ -169,14 +152,14 @@ def test_a_late_message_of_a_slow_loop_is_no_clock_that_was_set_back():
     t = np.arange(0.0, 6.0, 5e-3)
     order = np.arange(len(t))
     order[100:900:40], order[101:901:40] = order[101:901:40].copy(), order[100:900:40].copy()
-    bits = run(homed(model), t[order], stream(t)[order])[0]
+    bits = run(ready(model), t[order], stream(t)[order])[0]
     assert not (bits & Status.TIME_JUMP).any()
 
 
 def test_a_clock_that_stands_still_is_named(calibration):
     t = T.copy()
     t[FAULT : FAULT + 50] = t[FAULT - 1]
-    bits, _, _ = run(homed(calibration), t, stream(T))
+    bits, *_ = run(ready(calibration), t, stream(T))
     stale = np.flatnonzero(bits == Status.STALE)
     assert FAULT < stale[0] < FAULT + 10  # sooner where the position has moved on
     np.testing.assert_array_equal(stale, np.arange(stale[0], FAULT + 50))
@@ -184,8 +167,8 @@ def test_a_clock_that_stands_still_is_named(calibration):
 
 def test_a_gap_is_a_fault_for_a_model_that_remembers_alone(calibration):
     t = np.concatenate([T[:FAULT], T[FAULT:] + 2.0])
-    forgetful = run(homed(trained()), t, stream(t))[0]
-    remembering = run(homed(calibration), t, stream(t))[0]
+    forgetful = run(ready(trained()), t, stream(t))[0]
+    remembering = run(ready(calibration), t, stream(t))[0]
     assert not forgetful.any()
     np.testing.assert_array_equal(np.flatnonzero(remembering), [FAULT])
     assert remembering[FAULT] == Status.TIME_JUMP

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import copy
+import fnmatch
 import subprocess
 import sys
-import tracemalloc
 from dataclasses import replace
+from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -24,7 +25,7 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
 
 from .registered import forceps, in_loop, model, ready, ready_unless_refused, unseen
-from .streams import faulty
+from .streams import faulty, least_memory, run
 
 HEAVY = (
     "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.linalg",
@@ -44,22 +45,6 @@ def states_width(name: str) -> bool:
 WITH_WIDTH = tuple(filter(states_width, CAUSAL))
 
 
-def run(corrector, t, samples):
-    """Statuses, positions, half-widths and corrections of the first joint."""
-    rows = []
-    for stamp, sample in zip(t.tolist(), samples, strict=True):
-        status = corrector.step(stamp, sample)
-        rows.append(
-            (
-                status,
-                corrector.position[0],
-                corrector.half_width[0],
-                corrector.correction[0],
-            )
-        )
-    return tuple(np.array(column) for column in zip(*rows, strict=True))
-
-
 def restamped(recording: Recording, t, **changed) -> Recording:
     columns = {c: np.array(recording.table[c]) for c in recording.table.columns} | {"t": t}
     columns |= changed
@@ -72,27 +57,31 @@ def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
     path = tmp_path / "model.safetensors"
     write_calibration(calibration, path)
     recording = unseen(name)
+    recording = recording.rows(np.arange(min(len(recording), 1800)))
     clean = recording.table[list(calibration.loop_signals)].to_numpy()
     t, samples = faulty(recording.t, clean, seed=3, kinds=(0, 1, 2, 4))
     statuses, positions, _, corrections = run(
         ready(path, range_margin=1.0, on_fault="raw"), t, samples
     )
-    used = np.isfinite(corrections)
+    used = np.isfinite(corrections[:, 0])
     assert 0.9 < used.mean() < 1.0
     taken = dict(zip(calibration.loop_signals, samples[used].T, strict=True))
     rest = restamped(recording.rows(np.flatnonzero(used)), t[used], **taken)
-    expected = calibration.correct(rest)[:, 0]
+    expected = calibration.correct(rest)
     histories = (time_steps(t[used], calibration.gap_limit) == 0.0).sum()
     assert histories > 2
-    joint = calibration.joints[0]
+    joints = calibration.joints
     # A difference of corrected and measured is rounded once more than the corrected itself.
     np.testing.assert_allclose(
-        corrections[used], expected - rest.column(f"measured/{joint}"), rtol=0, atol=1e-12
+        corrections[used],
+        expected - rest.columns("measured", joints),
+        rtol=0,
+        atol=1e-12,
     )
     good = statuses[used] == Status.OK
     assert good.mean() > 0.5
     np.testing.assert_array_equal(positions[used][good], expected[good])
-    measured = samples[:, calibration.loop_signals.index(f"measured/{joint}")]
+    measured = samples[:, [calibration.loop_signals.index(f"measured/{j}") for j in joints]]
     np.testing.assert_array_equal(positions[statuses != 0], measured[statuses != 0])
 
 
@@ -103,7 +92,7 @@ RECOVERY = 1.0  # s of motion, after which a filter is back; stated in docs/stat
 def test_a_filter_recovers_from_a_burst_and_says_so_meanwhile(name):
     calibration, good = model(name), unseen(name).rows(np.arange(1400))
     rows = int(1.2 * calibration.gap_limit / np.median(np.diff(good.t)))  # of no history
-    burst, clean = slice(1150 - rows, 1150), calibration.correct(good)[:, 0]
+    burst, clean = slice(1150 - rows, 1150), calibration.correct(good)
     table = good.table[list(calibration.loop_signals)].to_numpy()
     later = good.t > good.t[burst.stop] + RECOVERY
     for size in (1e20, 1e3):
@@ -112,7 +101,7 @@ def test_a_filter_recovers_from_a_burst_and_says_so_meanwhile(name):
         samples[burst] += size * noise * np.ptp(table, axis=0)
         columns = dict(zip(calibration.loop_signals, samples.T, strict=True))
         bad = Recording(good.table.assign(**columns), good.units, good.provenance)
-        corrected = calibration.correct(bad)[:, 0]
+        corrected = calibration.correct(bad)
         assert np.isnan(corrected[burst]).mean() > 0.8  # no estimate, rather than a wrong one
         assert np.abs(corrected - clean)[later].max() < 1e-3
         # In the loop the burst never gets as far as the filter, which starts anew after it.
@@ -121,7 +110,7 @@ def test_a_filter_recovers_from_a_burst_and_says_so_meanwhile(name):
         assert not statuses[burst.stop :].any()
         assert np.abs(positions - clean)[later].max() < 1e-3
         if name in WITH_WIDTH:
-            assert widths[burst.stop] > 1.01 * widths[burst.start - 1]
+            assert widths[burst.stop, 0] > 1.01 * widths[burst.start - 1, 0]
 
 
 @pytest.mark.parametrize("name", CAUSAL)
@@ -136,17 +125,12 @@ def test_a_step_allocates_nothing(name):
         corrector.step(stamps[i], samples[i])
     arrays = [getattr(corrector, n) for n in ("position", "half_width", "correction", "features")]
     places = [array.ctypes.data for array in arrays]
-    peaks = []
-    for start in (100, 400, 700):  # another thread of the test runner may allocate meanwhile
-        tracemalloc.start()
-        try:
-            before = tracemalloc.get_traced_memory()[0]
-            for i in range(start, start + 300):
-                corrector.step(stamps[i], samples[i])
-            peaks.append(tracemalloc.get_traced_memory()[1] - before)
-        finally:
-            tracemalloc.stop()
-    assert min(peaks) < 1000
+
+    def go_on(first: int) -> None:
+        for i in range(first, first + 300):
+            corrector.step(stamps[i], samples[i])
+
+    assert least_memory(partial(go_on, first) for first in (100, 400, 700))[0] < 1000
     assert places == [array.ctypes.data for array in arrays]
 
 
@@ -175,7 +159,7 @@ def test_it_recovers_as_if_it_began_there(name, fault):
     assert used.all()
     # Stamps moved by some seconds are rounded otherwise.
     np.testing.assert_allclose(
-        corrections[end:], calibration.predict_error(rest)[:, 0], rtol=0, atol=1e-9
+        corrections[end:], calibration.predict_error(rest), rtol=0, atol=1e-9
     )
 
 
@@ -205,16 +189,7 @@ def test_it_loads_without_the_training_stack(tmp_path):
 
 
 @pytest.mark.parametrize("name", [n for n in CAUSAL if FAMILIES[n].counts_samples])
-def test_called_faster_than_trained_it_says_so(name):
-    calibration, recording = model(name), unseen(name).rows(np.arange(200))
-    samples = recording.table[list(calibration.loop_signals)].to_numpy()
-    t = recording.t[0] + (recording.t - recording.t[0]) / 5.0
-    statuses = run(ready(calibration), t, samples)[0]
-    assert (statuses & Status.STALE > 0).mean() > 0.7
-
-
-@pytest.mark.parametrize("name", [n for n in CAUSAL if FAMILIES[n].counts_samples])
-def test_called_slower_than_trained_it_says_so_and_starts_anew(name):
+def test_called_faster_or_slower_than_trained_it_says_so_and_starts_anew(name):
     calibration, recording = model(name), unseen(name).rows(np.arange(400))
     step = float(np.median(np.diff(recording.t)))
     slow, end = slice(100, 140), 140
@@ -222,6 +197,9 @@ def test_called_slower_than_trained_it_says_so_and_starts_anew(name):
     t[slow] += step * np.arange(1, 41)
     t[end:] += 40 * step
     samples = recording.table[list(calibration.loop_signals)].to_numpy()
+    fast = recording.t[0] + (recording.t - recording.t[0])[:200] / 5.0
+    stale = run(ready(calibration), fast, samples)[0] & Status.STALE > 0
+    assert stale.mean() > 0.7
     statuses, _, _, corrections = run(ready(calibration, range_margin=1.0), t, samples)
     flagged = statuses & Status.TIME_JUMP > 0
     assert not flagged[:115].any()
@@ -233,7 +211,7 @@ def test_called_slower_than_trained_it_says_so_and_starts_anew(name):
     rest = restamped(recording.rows(np.arange(end - 1, 400)), t[end - 1 :])  # the last late one
     assert np.isfinite(corrections[end - 1 :]).all()
     np.testing.assert_allclose(
-        corrections[end - 1 :], calibration.predict_error(rest)[:, 0], rtol=0, atol=1e-12
+        corrections[end - 1 :], calibration.predict_error(rest), rtol=0, atol=1e-12
     )
 
 
@@ -266,7 +244,7 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
         deviation = np.sqrt(calibration.model.states(X, dt).P[:, 0, 0])
     expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]
     assert np.isinf(widths[~good]).all()
-    np.testing.assert_allclose(widths[good], expected[good], rtol=1e-9)
+    np.testing.assert_allclose(widths[good, 0], expected[good], rtol=1e-9)
 
 
 def test_the_stated_width_holds():
@@ -275,7 +253,7 @@ def test_the_stated_width_holds():
     samples = recording.table[list(calibration.loop_signals)].to_numpy()
     statuses, positions, widths, _ = run(ready(calibration), recording.t, samples)
     good = (statuses == Status.OK) & (recording.t > 2.2)
-    inside = np.abs(positions - recording.column("truth/jaw"))[good] <= widths[good]
+    inside = np.abs(positions[:, 0] - recording.column("truth/jaw"))[good] <= widths[good, 0]
     assert 0.8 < inside.mean() < 0.97
 
 
@@ -328,22 +306,25 @@ def test_a_fault_of_the_filter_is_no_estimate(name):
 
 
 @given(st.data(), st.sampled_from(CAUSAL))
-@settings(max_examples=60)
+@settings(max_examples=140)
 def test_mutated_model_files_are_refused_in_one_line(tmp_path, data, name):
+    """Also those with a sound hash: someone may sign whatever they like."""
     description, arrays = encode(model(name))
     description = copy.deepcopy(description)
-    odd = st.sampled_from([None, -1, 0, "", [], {}, True, 1e300, 1e-300, ["a"], [1e-5], 3])
-    params = description["fit"]["model"]["params"]
-    learnt = sorted(n for n in arrays if n.startswith("model/"))
-    if params and data.draw(st.booleans()):
-        params[data.draw(st.sampled_from(sorted(params)))] = data.draw(odd)
-    elif data.draw(st.booleans()):
-        which = data.draw(st.sampled_from(learnt))
-        number = data.draw(st.sampled_from([np.nan, np.inf, -1e300, 1e300, 0.0, -1.0]))
-        arrays[which] = np.full_like(arrays[which], number)
+    odd = st.sampled_from(
+        [None, -1, 0, "", "x" * 50, [], {}, True, 1e300, 1e-300, ["a"], {"a": 1}, [1e-5], 3]
+    )
+    what = data.draw(st.sampled_from(["description", "params", "numbers", "shape"]))
+    table = description["fit"]["model"]["params"] if what == "params" else description
+    if what in ("description", "params") and table:
+        table[data.draw(st.sampled_from(sorted(table)))] = data.draw(odd)
     else:
-        which = data.draw(st.sampled_from(learnt))
-        arrays[which] = np.zeros(data.draw(st.sampled_from([(0,), (1,), (3,), (4, 4), (1, 2)])))
+        some = sorted(arrays if data.draw(st.booleans()) else fnmatch.filter(arrays, "model/*"))
+        which = data.draw(st.sampled_from(some))
+        number = data.draw(st.sampled_from([np.nan, np.inf, -1e300, 1e300, 0.0, -1.0]))
+        shape = data.draw(st.sampled_from([(0,), (1,), (3,), (4, 4), (1, 2)]))
+        full = np.full_like(arrays[which], number)
+        arrays[which] = full if what == "numbers" else np.zeros(shape)
     corrector = ready_unless_refused(tmp_path, to_bytes(description, arrays))
     if corrector is None:
         return

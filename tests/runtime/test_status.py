@@ -14,10 +14,20 @@ from hypothesis import strategies as st
 from truejoint.runtime import Corrector, Status
 from truejoint.runtime.limits import limits_of
 
-from .streams import HISTORY, MINUTE, SIGNALS, recording, stream, trained
+from .streams import (
+    FAULT,
+    HISTORY,
+    MINUTE,
+    SIGNALS,
+    changed,
+    ready,
+    recording,
+    run,
+    stream,
+    trained,
+)
 
 RATE = 1000
-FAULT = 1500  # row at which a fault begins
 T = np.arange(0.0, 6.0, 1 / RATE)
 MEASURED = [0, 2]
 # Every operation but the one that counts samples, which needs the rate of training.
@@ -31,19 +41,7 @@ def calibration():
 
 @pytest.fixture
 def corrector(calibration):
-    ready = Corrector(calibration, on_fault="raw")
-    ready.set_homing(True, "h1")
-    return ready
-
-
-def run(corrector: Corrector, t, samples):
-    """Status bits, positions and half-widths of a stream."""
-    bits, positions, widths = [], [], []
-    for stamp, sample in zip(t, samples, strict=True):
-        bits.append(int(corrector.step(float(stamp), sample)))
-        positions.append(corrector.position.copy())
-        widths.append(corrector.half_width.copy())
-    return np.array(bits), np.array(positions), np.array(widths)
+    return ready(calibration, on_fault="raw")
 
 
 @dataclass(frozen=True)
@@ -78,43 +76,21 @@ class Odd:
         raise MemoryError
 
 
-def value(index: int, number: float, rows: int = 1) -> Callable[[np.ndarray, np.ndarray], None]:
-    def put(_t: np.ndarray, samples: np.ndarray) -> None:
-        samples[FAULT : FAULT + rows, index] = number
-
-    return put
+def value(signal: int, number: float, rows: int = 1):
+    return changed(signal, lambda _: number, rows)
 
 
-def shifted(by: float, rows: int | None = None) -> Callable[[np.ndarray, np.ndarray], None]:
-    def put(t: np.ndarray, _samples: np.ndarray) -> None:
-        t[FAULT : None if rows is None else FAULT + rows] += by
-
-    return put
+def shifted(by: float, rows: int | None = None):
+    return changed("t", lambda t: t + by, rows)
 
 
-def stopped(seconds: float) -> Callable[[np.ndarray, np.ndarray], None]:
-    def put(t: np.ndarray, _samples: np.ndarray) -> None:
-        t[FAULT : FAULT + round(seconds * RATE)] = t[FAULT - 1]
-
-    return put
+def held(*signals: int):
+    return changed(signals, lambda part: part[0], 2500)
 
 
-def held(indices: list[int], rows: int) -> Callable[[np.ndarray, np.ndarray], None]:
-    def put(_t: np.ndarray, samples: np.ndarray) -> None:
-        samples[FAULT : FAULT + rows, indices] = samples[FAULT, indices]
-
-    return put
-
-
-def ramp(index: int, top: float, rows: int) -> Callable[[np.ndarray, np.ndarray], None]:
-    """Go to `top` and back slowly enough to be no spike."""
-
-    def put(_t: np.ndarray, samples: np.ndarray) -> None:
-        bump = np.sin(np.linspace(0.0, np.pi, rows)) ** 2
-        part = samples[FAULT : FAULT + rows, index]
-        part += bump * (top - part)
-
-    return put
+def slowly_to_one_and_back(part: np.ndarray) -> np.ndarray:
+    """Slowly enough to be no spike."""
+    return part + np.sin(np.linspace(0.0, np.pi, len(part))) ** 2 * (1.0 - part)
 
 
 FAULTS = {
@@ -122,7 +98,9 @@ FAULTS = {
     "NaN in a position for a while": Fault(Status.NOT_FINITE, value(2, np.nan, 50), 0.05),
     "infinite position": Fault(Status.NOT_FINITE, value(0, np.inf)),
     "NaN stamp": Fault(Status.NOT_FINITE, shifted(np.nan, 1)),
-    "stamp that stands still": Fault(Status.STALE, stopped(0.03), 0.03, late=0.011),
+    "stamp that stands still": Fault(
+        Status.STALE, changed("t", lambda _: T[FAULT - 1], 30), 0.03, late=0.011
+    ),
     "stamp of the past": Fault(Status.STALE, shifted(-0.1, 20), 0.02, late=0.011),
     "clock set back a little": Fault(
         Status.STALE, shifted(-0.1), 0.101, late=0.011, traceless=False
@@ -132,12 +110,13 @@ FAULTS = {
     "spike in a position": Fault(Status.SPIKE, value(0, 0.9)),
     "spike in an effort": Fault(Status.SPIKE, value(3, -0.6)),
     "position slipped for a while": Fault(Status.SPIKE, value(0, 0.85, 200), 0.2),
-    "one position frozen": Fault(Status.FROZEN, held([0], 2500), 2.5, late=1.5, traceless=False),
-    "one effort frozen": Fault(Status.FROZEN, held([3], 2500), 2.5, late=1.5, traceless=False),
-    "all frozen": Fault(Status.FROZEN, held([0, 1, 2, 3], 2500), 2.5, late=1.1, traceless=False),
+    "one position frozen": Fault(Status.FROZEN, held(0), 2.5, late=1.5, traceless=False),
+    "one effort frozen": Fault(Status.FROZEN, held(3), 2.5, late=1.5, traceless=False),
+    "all frozen": Fault(Status.FROZEN, held(0, 1, 2, 3), 2.5, late=1.1, traceless=False),
     "far out of range": Fault(Status.OUT_OF_RANGE, value(0, 1e200)),
     "slowly out of range": Fault(
-        Status.OUT_OF_RANGE, ramp(0, 1.0, 2500), 2.5, late=1.25, traceless=False
+        Status.OUT_OF_RANGE, changed(0, slowly_to_one_and_back, 2500), 2.5, late=1.25,
+        traceless=False,
     ),
 }  # fmt: skip
 
@@ -146,7 +125,7 @@ FAULTS = {
 def test_fault_is_flagged_passed_through_and_recovered_from(calibration, corrector, fault):
     t, samples = T.copy(), stream(T)
     fault.put(t, samples)
-    bits, positions, widths = run(corrector, t, samples)
+    bits, positions, widths, _ = run(corrector, t, samples)
     flagged = (bits & fault.status) != 0
     assert not bits[:FAULT].any()
     first = int(np.argmax(flagged))
@@ -176,7 +155,7 @@ def on_stream(t: np.ndarray, samples: np.ndarray):
 def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(corrector, calibration):
     samples = stream(T)
     samples[FAULT:, 0] += 0.15
-    bits, _, _ = run(corrector, T, samples)
+    bits, *_ = run(corrector, T, samples)
     limits = limits_of(calibration)
     needed = 0.15 / (limits.reach[0] / limits.training_dt)
     spikes = np.flatnonzero(bits & Status.SPIKE)
@@ -191,7 +170,7 @@ def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(correct
 def test_a_jump_too_small_for_the_rate_of_training_is_seen_at_that_of_the_loop(corrector):
     samples = stream(T)
     samples[FAULT:, 0] += 0.008  # the shoulder moves by as much from one row of training to another
-    bits, _, _ = run(corrector, T, samples)
+    bits, *_ = run(corrector, T, samples)
     assert not bits[:FAULT].any()
     assert bits[FAULT] == Status.SPIKE
     assert bits[-1] & Status.ZERO_SUSPECT
@@ -217,8 +196,7 @@ def test_features_unlike_any_trained_row_together(calibration):
     for sample, expected in ((usual, Status.OK), (odd, Status.OUT_OF_DOMAIN), (usual, Status.OK)):
         assert (low[:4] <= sample).all()
         assert (sample <= high[:4]).all()
-        corrector = Corrector(calibration)
-        corrector.set_homing(True, "h1")
+        corrector = ready(calibration)
         assert corrector.step(0.0, sample) == expected
 
 
@@ -227,10 +205,9 @@ def test_corrections_larger_than_any_error_of_training():
     data = made.fitted
     steep = replace(data, arrays={**data.arrays, "coef": 4.0 * data.arrays["coef"]})
     wrong = replace(made, fitted=steep)
-    corrector = Corrector(wrong, on_fault="raw")
-    corrector.set_homing(True, "h1")
+    corrector = ready(wrong, on_fault="raw")
     samples = stream(T)
-    bits, positions, _ = run(corrector, T, samples)
+    bits, positions, *_ = run(corrector, T, samples)
     assert set(np.unique(bits)) == {0, Status.IMPLAUSIBLE}
     assert (np.diff((bits == 0).astype(int)) == 1).any()  # recovered at least once
     corrections = wrong.predict_error(recording(T))
@@ -271,14 +248,13 @@ def test_a_robot_that_holds_still_is_not_frozen(corrector):
     samples[still, [2]] = samples[FAULT, 2]
     noise = np.random.default_rng(5).uniform(-0.02, 0.02, (4000, 2))
     samples[still, 1::2] = 0.4 * np.cos(3.0 * samples[still, ::2]) + noise
-    bits, _, _ = run(corrector, T[: still.stop], samples[: still.stop])
+    bits, *_ = run(corrector, T[: still.stop], samples[: still.stop])
     assert not bits.any()
 
 
 def test_a_model_that_counts_samples_corrects_at_no_faster_rate():
-    corrector = Corrector(trained(features=HISTORY), on_fault="raw")
-    corrector.set_homing(True, "h1")
-    bits, positions, _ = run(corrector, T[:500], stream(T[:500]))
+    corrector = ready(trained(features=HISTORY), on_fault="raw")
+    bits, positions, *_ = run(corrector, T[:500], stream(T[:500]))
     used = np.flatnonzero(bits == 0)
     assert (np.diff(T[used]) > 0.02).all()
     assert (np.delete(bits, used) == Status.STALE).all()
@@ -286,7 +262,7 @@ def test_a_model_that_counts_samples_corrects_at_no_faster_rate():
         np.delete(positions, used, 0), np.delete(stream(T[:500])[:, MEASURED], used, 0)
     )
     trained_rate = np.arange(1.0, 10.0, 1 / 30)
-    bits, _, _ = run(corrector, trained_rate, stream(trained_rate))
+    bits, *_ = run(corrector, trained_rate, stream(trained_rate))
     assert not bits[1:].any()
 
 
@@ -296,8 +272,7 @@ def test_a_model_that_counts_samples_corrects_at_no_slower_rate():
         bits = corrected_with_lags(t)
         assert (bits & Status.TIME_JUMP > 0).sum() == flagged
         assert (bits[-flagged:] == Status.TIME_JUMP).all() or not flagged
-        every = Corrector(trained())  # which counts nothing
-        every.set_homing(True, "h1")
+        every = ready(trained())  # which counts nothing
         assert steps > 10.0 or not run(every, t, stream(t))[0].any()
 
 
@@ -320,35 +295,30 @@ def fast():
 
 @pytest.mark.parametrize(("gap", "flagged"), [(0.05, 0), (0.29, 0), (0.31, 1), (2.0, 1)])
 def test_what_a_history_bridges_is_a_time_and_no_number_of_samples(fast, gap, flagged):
-    corrector = Corrector(fast)
-    corrector.set_homing(True, "h1")
+    corrector = ready(fast)
     t = np.arange(0.0, 2.0, 1e-3)
     t[1000:] += gap
     bits = run(corrector, t, stream(t))[0]
     assert (bits & Status.TIME_JUMP > 0).sum() == flagged
     assert flagged or not bits.any()
     slow = 0.02 * np.arange(200)  # a loop at a twentieth of the rate
-    corrector = Corrector(fast)
-    corrector.set_homing(True, "h1")
+    corrector = ready(fast)
     assert (run(corrector, slow, stream(slow))[0] & Status.TIME_JUMP > 0).sum() == 178
 
 
 def corrected_with_lags(t: np.ndarray) -> np.ndarray:
     """Status bits of the stream at stamps, by a model that counts samples at 30 Hz."""
-    corrector = Corrector(trained(features=HISTORY))
-    corrector.set_homing(True, "h1")
+    corrector = ready(trained(features=HISTORY))
     return run(corrector, t, stream(t))[0]
 
 
 def test_a_channel_that_never_changed_in_training_may_stand_still_or_not():
-    corrector = Corrector(trained(features=(*SIGNALS, "effort/unused")))
-    corrector.set_homing(True, "h1")
+    corrector = ready(trained(features=(*SIGNALS, "effort/unused")))
     rows = np.column_stack([stream(T), np.zeros(len(T))])
     rows[2000:, 4] = 7.0
-    bits, positions, _ = run(corrector, T, rows)
+    bits, positions, *_ = run(corrector, T, rows)
     assert not bits.any()
-    plain = Corrector(trained())
-    plain.set_homing(True, "h1")
+    plain = ready(trained())
     np.testing.assert_allclose(positions, run(plain, T, stream(T))[1], rtol=0, atol=1e-12)
 
 
@@ -358,13 +328,12 @@ def test_a_position_that_never_changed_in_training_is_flagged_where_it_is_elsewh
     table = held.table.assign(**dict.fromkeys(columns, 0.3))
     still = replace(held, table=table, units={**held.units, **columns})
     features = (*SIGNALS, "measured/insertion", "measured/tool_roll")
-    corrector = Corrector(trained(features=features, recordings=[still]))
-    corrector.set_homing(True, "h1")
+    corrector = ready(trained(features=features, recordings=[still]))
     rows = np.column_stack([stream(T), np.full((len(T), 2), 0.3)])
     rows[1000:, 4] = 0.2  # the only length: by how much it may move is not known
     rows[2000:, 5] += 0.03
     rows[3000:, 5] += 0.02
-    bits, _, _ = run(corrector, T, rows)
+    bits, *_ = run(corrector, T, rows)
     assert not bits[:3000].any()
     assert (bits[3000:] & Status.OUT_OF_RANGE).all()
 
@@ -494,7 +463,7 @@ def test_streams_of_anything(shared, steps):
     way_back = ((limits.signal_upper - limits.signal_lower) / limits.reach).max()
     settled = way_back * limits.training_dt + 0.5
     clean = np.arange(0.0, settled + 1.0, 1e-2)
-    bits, positions, _ = run(corrector, clean, stream(clean))
+    bits, positions, *_ = run(corrector, clean, stream(clean))
     # A zero that is suspect stays so; see the row of ZERO_SUSPECT.
     assert not (bits[clean > settled] & ~Status.ZERO_SUSPECT).any()
     assert np.isfinite(positions).all()

@@ -200,12 +200,12 @@ class Arm:
         Raises CommandRefused before homing, when there is nothing valid to report, and if the
         newest message is older than `age` [s].
         """
-        block = self._valid("measured_js", age)
+        block = self.newest_state("measured_js", age)
         return self._joint_state(block, block.measured, block.velocity)
 
     def setpoint_js(self, age: float = MAX_AGE) -> JointState:
         """Latest set-point, its velocity and the effort command; refused as `measured_js`."""
-        before, block = self._before, self._valid("setpoint_js", age)
+        before, block = self._before, self.newest_state("setpoint_js", age)
         first = block.rows(slice(-2, -1)) if len(block.t) > 1 else before or block
         period = block.t[-1] - first.t[-1]
         step = block.setpoint[-1:] - first.setpoint[-1:]
@@ -381,7 +381,8 @@ class Arm:
         if broken is not None:
             raise broken
 
-    def _valid(self, name: str, age: float) -> StateBlock:
+    def newest_state(self, name: str, age: float = MAX_AGE) -> StateBlock:
+        """Newest state message, for a command called `name`; refused as `measured_js`."""
         block = self._latest
         if block is None:
             raise CommandRefused(f"{name} refused: the arm is not homed; send 'home' first")
@@ -502,7 +503,11 @@ class Arm:
             piece = rows[taken : taken + size]
             # Before they are sent: a subscriber may raise meanwhile.
             self._last_setpoints = path[taken + len(piece) :][:2]
-            done = self._backend.servo_jp(piece, lambda: not self._stop_command)
+            try:
+                done = self._backend.servo_jp(piece, lambda: not self._stop_command)
+            except CommandRefused:  # there is nothing to brake along: the robot stands, or is gone
+                self._last_setpoints = None
+                raise
             taken += done
             self._last_setpoints = path[taken : taken + 2]
             motion.elapsed += done / self.rate

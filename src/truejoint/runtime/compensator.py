@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law
 from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows
+from truejoint.robots.blocks import checked_rows
 from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
@@ -288,10 +288,9 @@ class Compensator:
         """
         goal, joints = np.asarray(wanted, dtype=np.float64), arm.robot.index(self.corrector.joints)
         now = arm.setpoint_js(math.inf).position.copy()
-        with _Latest(arm, self.corrector.signals) as latest:
-            for _ in range(round(_LOOK * self.rate)):
-                arm.wait(1.0 / self.rate)
-                self.corrector.step(*latest.sample())
+        for _ in range(round(_LOOK * self.rate)):
+            arm.wait(1.0 / self.rate)
+            self.corrector.step(*self._newest(arm))
         now[joints] = self.corrector.position
         law = time_law([now, goal], move_speed(arm.robot, None, "approach"))
         settled = 0.0 if math.isinf(self._integral_time) else _INTEGRAL_TIMES * self._integral_time
@@ -344,42 +343,50 @@ class Compensator:
                 f"compensator: a loop at {self.rate:g} Hz; its rate must divide the {arm.rate:g} "
                 f"set-points a second that {arm.robot.title} takes"
             )
-        with _Latest(arm, self.corrector.signals) as latest:
-            latest.check()
-        return self._stepped(latest, pieces, round(period), tell)
+        self._newest(arm)
+        return self._stepped(arm, pieces, round(period), tell)
+
+    def _newest(self, arm: Arm) -> tuple[float, list[float]]:
+        """Stamp [s] and signals of the newest message; raises CommandRefused if it lacks one."""
+        block, signals = arm.newest_state("compensator", math.inf), self.corrector.signals
+        columns = block.columns()
+        if missing := [name for name in signals if name not in columns]:
+            raise CommandRefused(
+                f"compensator: {arm.robot.title} does not report {', '.join(missing)}"
+            )
+        return float(block.t[-1]), [float(columns[name][-1]) for name in signals]
 
     def _stepped(
-        self, latest: _Latest, pieces: Iterable[Array], period: int, tell: _Listener | None
+        self, arm: Arm, pieces: Iterable[Array], period: int, tell: _Listener | None
     ) -> Iterator[Array]:
-        joints = latest.arm.robot.index(self.corrector.joints)
-        self.start(latest.arm.setpoint_js(math.inf).position[joints])
+        joints = arm.robot.index(self.corrector.joints)
+        self.start(arm.setpoint_js(math.inf).position[joints])
         self.corrector.release()  # to the thread that moves the arm
         share = np.arange(1, period + 1)[:, None] / period
         held = np.zeros(len(joints))  # for so many steps
         lasts, is_told = 0.0, False
-        with latest:
-            for piece in pieces:
-                for first in range(0, len(piece), period):
-                    rows = piece[first : first + period].copy()
-                    before, (t, sample) = self.setpoint.copy(), latest.sample()
-                    after = self.step(t, sample, rows[-1, joints])
-                    if self.falls_back and not is_told:
-                        _log.warning("compensator: %s", self.trouble)
-                        is_told = True
-                    lasts = lasts + 1.0 if self.falls_back else max(lasts - 0.5, 0.0)
-                    if lasts > _LASTING * self.rate:
-                        raise self._untrusted()
-                    held = np.where(self.at_limit, held + 1, 0)
-                    if held.max() > _PATIENCE * self.rate:
-                        raise self._unreachable(int(np.argmax(held)))
-                    if tell is not None:
-                        tell(t, rows[-1, joints], self.corrector.position)
-                    rows[:, joints] = before + share[: len(rows)] * (after - before)
-                    if len(rows) == period:
-                        rows[-1, joints] = after
-                    else:  # the end of a piece is no faster than the rest
-                        after[:] = rows[-1, joints]
-                    yield rows
+        for piece in pieces:
+            for first in range(0, len(piece), period):
+                rows = piece[first : first + period].copy()
+                before, (t, sample) = self.setpoint.copy(), self._newest(arm)
+                after = self.step(t, sample, rows[-1, joints])
+                if self.falls_back and not is_told:
+                    _log.warning("compensator: %s", self.trouble)
+                    is_told = True
+                lasts = lasts + 1.0 if self.falls_back else max(lasts - 0.5, 0.0)
+                if lasts > _LASTING * self.rate:
+                    raise self._untrusted()
+                held = np.where(self.at_limit, held + 1, 0)
+                if held.max() > _PATIENCE * self.rate:
+                    raise self._unreachable(int(np.argmax(held)))
+                if tell is not None:
+                    tell(t, rows[-1, joints], self.corrector.position)
+                rows[:, joints] = before + share[: len(rows)] * (after - before)
+                if len(rows) == period:
+                    rows[-1, joints] = after
+                else:  # the end of a piece is no faster than the rest
+                    after[:] = rows[-1, joints]
+                yield rows
 
     def _untrusted(self) -> CommandRefused:
         """Error that the corrector is not believed, now or ever."""
@@ -397,44 +404,6 @@ class Compensator:
             f"no set-point within {shown_range(joint.lower, joint.upper, joint.unit)} reaches: "
             f"{shown(self.lost[k], joint.unit)} are lost on the way; stay further inside"
         )
-
-
-class _Latest:
-    """The newest message of an arm, as a corrector takes it."""
-
-    def __init__(self, arm: Arm, signals: tuple[str, ...]) -> None:
-        self.arm, self._signals = arm, signals
-        self._block: StateBlock | None = None
-
-    def __enter__(self) -> Self:
-        self.arm.subscribe(self)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.arm.unsubscribe(self)
-
-    def __call__(self, block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, StateBlock) and len(block.t):
-            self._block = block
-
-    def check(self) -> None:
-        """Raise CommandRefused if nothing comes for a while, or it lacks a signal."""
-        end = self.arm.time + _LOOK
-        while self._block is None and self.arm.time < end:
-            self.arm.wait(1.0 / self.arm.rate)
-        columns = () if self._block is None else self._block.columns()
-        if missing := [name for name in self._signals if name not in columns]:
-            raise CommandRefused(
-                f"compensator: {self.arm.robot.title} does not report {', '.join(missing)}"
-            )
-
-    def sample(self) -> tuple[float, list[float]]:
-        """Stamp [s] and values of the signals; raises CommandRefused as `check`."""
-        if self._block is None:
-            self.check()
-        assert self._block is not None  # noqa: S101  # for the type checker
-        columns = self._block.columns()
-        return float(self._block.t[-1]), [float(columns[name][-1]) for name in self._signals]
 
 
 def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensator:

@@ -4,36 +4,26 @@ import threading
 
 import numpy as np
 import pytest
-from tests.crtk.instant_twin import InstantTwin
+from tests.conftest import homed
+from tests.crtk.instant_twin import InstantTwin, hear
 
-from truejoint.crtk import Arm, PacedBackend, StateBlock
+from truejoint.crtk import PacedBackend
 from truejoint.errors import CommandRefused, MotionStopped
 
 
 @pytest.fixture
 def paced():
     backend = PacedBackend(InstantTwin())
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
+    arm = homed(backend)
     yield arm, backend
     arm.close()
 
 
 def test_it_reports_row_by_row_also_when_nobody_commands(paced):
     arm, _ = paced
-    blocks, enough = [], threading.Event()
-
-    def keep(block):
-        blocks.append(block)
-        if len(blocks) >= 20:
-            enough.set()
-
-    arm.subscribe(keep)
-    assert enough.wait(60.0)
-    states = [block for block in blocks if isinstance(block, StateBlock)]
-    assert {len(block.t) for block in states} == {1}
-    assert np.diff(np.concatenate([block.t for block in states])) == pytest.approx(1e-3)
+    blocks = hear(arm, 20)
+    assert {len(block.t) for block in blocks} == {1}
+    assert np.diff(np.concatenate([block.t for block in blocks])) == pytest.approx(1e-3)
     assert arm.measured_js().position == pytest.approx(arm.robot.home)
 
 

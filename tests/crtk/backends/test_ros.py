@@ -11,13 +11,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.crtk.instant_twin import InstantTwin
+from tests.crtk.instant_twin import InstantTwin, hear
 from tests.local_ros import LocalRos
 
 from truejoint.crtk import Arm, PacedBackend, StateBlock, cartesian
 from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.messages import JOINT_STATE
+from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED
 from truejoint.crtk.server import ArmServer, matrix_of
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
 from truejoint.robots import get_robot
@@ -28,6 +28,7 @@ CHANNELS = ROBOT.joint_channels
 SHOULDER = np.eye(7)[0]
 STATE = "/arm1/operating_state"
 LONG = 60.0  # [s]
+STILL, MOST_STILL = ros._STILL, ros._MOST_STILL
 
 
 class Served:
@@ -49,6 +50,10 @@ class Served:
         self.ros.send(f"/arm1/{name}", message)
         return message
 
+    def follow(self):
+        """Wait for the end of the stream of set-points."""
+        self.server._follower._stream.motion.wait(LONG)
+
     @contextmanager
     def move(self) -> Iterator[list[bool]]:
         """Wait for the end of what is asked within the block; whether it was busy, till now."""
@@ -69,11 +74,13 @@ def _patient(monkeypatch):
     for name in ("arm.SILENCE", "arm.TIMEOUT", "server._LOG"):
         monkeypatch.setattr(f"truejoint.crtk.{name}", LONG)
     monkeypatch.setattr(ros, "_SETTLING", LONG)
-    monkeypatch.setattr(ros, "_GRACE", 2.0)
+    for name in ("_STILL", "_MOST_STILL", "_IN_FLIGHT"):
+        monkeypatch.setattr(ros, name, 2.0)
     go_on = RosBackend.flush.__defaults__[1]
     monkeypatch.setattr(RosBackend.flush, "__defaults__", (LONG, go_on))  # in place of 2 s
     monkeypatch.setattr("truejoint.crtk.server._LATE", 4.0)
-    monkeypatch.setattr("truejoint.crtk.limits._MOVE_POSITIONING", 0.2)  # [rad/s], to wait less
+    for name, speed in (("_MOVE_POSITIONING", 0.2), ("_MOVE_TOOL", 2.0)):  # [rad/s], to wait less
+        monkeypatch.setattr(f"truejoint.crtk.limits.{name}", speed)
 
 
 @pytest.fixture(params=["raven2_mended"])
@@ -120,17 +127,7 @@ def test_an_arm_over_ros_moves_and_reports_as_any_other(served, arm):
 
 def test_a_paused_arm_goes_on_to_report(served, arm):
     arm.pause()
-    blocks, enough = [], threading.Event()
-
-    def keep(block):
-        if isinstance(block, StateBlock):
-            blocks.append(block)
-            if len(blocks) == 3:
-                enough.set()
-
-    arm.subscribe(keep)
-    assert enough.wait(LONG)
-    assert np.diff([block.t[0] for block in blocks]).min() > 0.0
+    assert np.diff([block.t[0] for block in hear(arm, 3)]).min() > 0.0
 
 
 def test_a_move_is_stopped_by_pausing_at_the_robot(served, arm):
@@ -254,22 +251,6 @@ def test_a_robot_without_joints_leaves_no_topic_open(served, arm, monkeypatch):
         with pytest.raises(RosError, match="no message on /arm1/measured_js"):
             Arm(backend)
     assert sum(map(len, served.ros.readers.values())) == before
-
-
-@pytest.mark.parametrize(
-    ("name", "field"),
-    [("servo_jp", "position"), ("servo_jr", "position")],
-)
-def test_the_server_refuses_what_an_arm_refuses_and_says_so(served, arm, caplog, name, field):
-    before = served.arm.setpoint_js(LONG).position
-    with caplog.at_level(logging.WARNING):
-        served.say(name, **{field: (ROBOT.home + 100.0).tolist()})
-        served.say(name, **{field: [0.0]})
-    texts = [record.getMessage() for record in caplog.records]
-    assert any("is outside its range" in text or "would step" in text for text in texts)
-    assert any("7 values" in text for text in texts)
-    assert served.arm.setpoint_js(LONG).position == pytest.approx(before)
-    assert arm.operating_state().state == "ENABLED"
 
 
 def test_it_answers_what_crtk_clients_ask(served, arm):
@@ -405,55 +386,155 @@ def test_a_pause_does_not_wait_for_a_joint_that_is_held(served, arm, monkeypatch
         motion.wait(0.5 * LONG)
 
 
-def test_what_others_command_after_a_move_stands(served, arm, monkeypatch):
+@pytest.mark.parametrize("comes_back", [False, True])
+def test_who_has_moved_the_arm_since_is_not_trimmed(served, arm, monkeypatch, comes_back):
+    """Not even where the set-point comes back to the one that was sent here."""
     hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
     arm.move_jp(ROBOT.home).wait()
     backend, settled = arm._backend, threading.Event()
     # A trim that is under way when others command would still follow their set-point.
     arm.subscribe(lambda _: (np.abs(backend._off()) <= 0.4 * backend._near).all() and settled.set())
     assert settled.wait(LONG)
-    goal = ROBOT.home + 0.02 * SHOULDER
-    served.say("servo_jp", position=goal.tolist())
-    at_rest(served, goal)
-    blocks, looked = [], threading.Event()
-    arm.subscribe(lambda block: (blocks.append(block), len(blocks) > 30 and looked.set()))
-    assert looked.wait(LONG)
-    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
-
-
-def test_who_has_moved_the_arm_since_is_not_trimmed(served, arm, monkeypatch):
-    """Not even where the set-point comes back to the one that was sent here."""
-    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
-    arm.move_jp(ROBOT.home).wait()
-    backend, settled = arm._backend, threading.Event()
-    arm.subscribe(lambda _: (np.abs(backend._off()) <= 0.4 * backend._near).all() and settled.set())
-    assert settled.wait(LONG)
     trimmed = served.arm.setpoint_js(LONG).position
-    for goal in (trimmed + 0.02 * SHOULDER, trimmed):
+    for goal in (trimmed + 0.02 * SHOULDER, trimmed)[: 1 + comes_back]:
         served.say("servo_jp", position=goal.tolist())
         at_rest(served, goal)
         hang(served, monkeypatch, lambda measured: measured - 0.002)
-    blocks, looked = [], threading.Event()
-    arm.subscribe(lambda block: (blocks.append(block), len(blocks) > 30 and looked.set()))
-    assert looked.wait(LONG)
-    assert served.arm.setpoint_js(LONG).position == pytest.approx(trimmed, abs=1e-9)
+    hear(arm, 30)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 
 
-def test_a_robot_that_refuses_set_points_is_noticed_soon(served, arm, monkeypatch):
-    monkeypatch.setattr(ros, "_GRACE", 0.2)
-    monkeypatch.setattr(served.server._follower, "ask", lambda *_: None)
-    motion = arm.move_jp(ROBOT.home + 0.5 * SHOULDER, speed=np.full(7, 0.05) * np.sign(ROBOT.upper))
-    with pytest.raises(
-        CommandRefused, match="does not take the set-points that are sent: shoulder stands"
-    ):
-        motion.wait()
-    assert motion.elapsed < 1.0
+class Stepped(LocalRos):
+    """A robot on topics, whose clock goes on where this process would sleep.
+
+    It takes the newest set-point but in a span of its time, and reports nothing in another [s].
+    """
+
+    def __init__(self, monkeypatch, rate, refusing=(0.0, 0.0), silent=(0.0, 0.0), hangs=0.0):
+        super().__init__()
+        self.hangs = hangs  # by which the shoulder is off [rad]
+        self.t, self.rate, self.refusing, self.silent = 100.0, rate, refusing, silent
+        self.state, self.setpoint, self.asked, self.refused = "ENABLED", ROBOT.home, ROBOT.home, []
+        clock = {"monotonic": lambda: self.t, "perf_counter": lambda: self.t, "sleep": self.sleep}
+        monkeypatch.setattr(ros, "time", SimpleNamespace(**clock))
+        monkeypatch.setattr(ros, "_STILL", STILL)
+        monkeypatch.setattr(ros, "_MOST_STILL", MOST_STILL)
+        super().subscribe("/arm1/servo_jp", JOINT_STATE, self.take)
+        super().subscribe("/arm1/state_command", STRING_STAMPED, self.obey)
+
+    def arm(self):
+        backend = RosBackend(self, ROBOT, "raven2_mended")
+        backend._changed.wait = lambda timeout: self.sleep(min(timeout, 1.0 / self.rate))
+        return Arm(backend)
+
+    def subscribe(self, *topic, **how):
+        end = super().subscribe(*topic, **how)
+        self.report()
+        return end
+
+    def sleep(self, seconds):
+        end = self.t + seconds
+        first, last = (int(t * self.rate + 1e-6) for t in (self.t, end))
+        for k in range(first + 1, last + 1):
+            self.t = k / self.rate
+            self.report()
+        self.t = end
+
+    def is_within(self, span):
+        return span[0] <= self.t - 100.0 < span[1]
+
+    def report(self):
+        if not self.is_within(self.refusing):
+            step = np.array([joint.max_speed for joint in ROBOT.joints]) / self.rate
+            self.setpoint = self.setpoint + np.clip(self.asked - self.setpoint, -step, step)
+        if self.is_within(self.silent):
+            return
+        state = self.stamped("crtk_msgs/OperatingState", self.t)
+        state.state, state.is_homed = self.state, True
+        self.send(STATE, state)
+        for name, off in (("setpoint_js", 0.0), ("measured_js", self.hangs)):
+            joints = self.stamped(JOINT_STATE, self.t)
+            joints.position = (self.setpoint - off * SHOULDER).tolist()
+            self.send(f"/arm1/{name}", joints)
+
+    def take(self, message):
+        self.asked = np.array(message.position)
+        if self.is_within(self.refusing):
+            off = np.abs(self.asked - self.setpoint).max()
+            self.refused += [self.t] if off > 0.8 * ros.TOLERANCE["rad"] else []
+
+    def obey(self, message):
+        self.state = {"pause": "PAUSED"}[message.string]
+
+
+@pytest.mark.parametrize(("rate", "most"), [(1000.0, 0.05), (200.0, 0.05), (100.0, 0.06)])
+def test_a_robot_that_refuses_set_points_is_noticed_within_50_ms(monkeypatch, rate, most):
+    """Of its clock, and told who waits: of 100 Hz the answer to the pause takes a message more."""
+    robot = Stepped(monkeypatch, rate, (1.0, np.inf))
+    with robot.arm() as arm:
+        motion = arm.move_jp(ROBOT.home + 0.5 * SHOULDER)
+        with pytest.raises(
+            CommandRefused, match="does not take the set-points that are sent: shoulder stands"
+        ):
+            motion.wait()
+        assert robot.t - robot.refused[0] <= most
+        assert 30 < len(robot.refused) <= 50
+        assert arm.operating_state().state == "PAUSED"
+        assert arm.setpoint_js().position == pytest.approx(robot.setpoint, abs=1e-9)
+
+
+def test_a_link_that_stalled_has_more_time_to_take_set_points(monkeypatch):
+    robot = Stepped(monkeypatch, 1000.0, (1.0, 1.14), silent=(1.0, 1.06))
+    with robot.arm() as arm:
+        arm.move_jp(ROBOT.home + 0.3 * SHOULDER).wait()
+        assert robot.setpoint == pytest.approx(ROBOT.home + 0.3 * SHOULDER, abs=1e-6)
+    assert len(robot.refused) < 100  # and meanwhile nothing new is sent
+
+
+def test_a_set_point_that_is_lost_is_sent_again(monkeypatch):
+    """Or a joint that friction holds would never be brought there."""
+    monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
+    robot, goal = Stepped(monkeypatch, 1000.0, hangs=0.004), ROBOT.home + 0.02 * SHOULDER
+    lost = []
+
+    def lose(message):  # what is added after the move, for a while
+        is_trim, while_t = message.position[0] > goal[0] + 1e-3, lost[0] if lost else robot.t
+        if is_trim and robot.t < while_t + 0.05:
+            lost.append(robot.t)
+        else:
+            robot.take(message)
+
+    robot.readers["/arm1/servo_jp"] = [lose]
+    with robot.arm() as arm:
+        arm.move_jp(goal).wait()
+        assert arm.measured_js().position == pytest.approx(goal, abs=NEAR)
+    assert lost
+
+
+@pytest.mark.parametrize("speed", [0.02, 2.0])
+def test_who_moves_the_arm_after_a_move_is_let_alone(monkeypatch, speed):
+    monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
+    robot = Stepped(monkeypatch, 1000.0, hangs=0.004)
+    with robot.arm() as arm:
+        arm.move_jp(ROBOT.home + 0.02 * SHOULDER).wait()
+        robot.sleep(1.0)
+        trimmed = robot.asked
+        assert trimmed[0] > ROBOT.home[0] + 0.023
+        for goal in (trimmed + 0.01 * SHOULDER, trimmed):  # and back to where it was
+            start = robot.asked
+            for share in np.linspace(0.0, 1.0, round(0.01 / speed * 1000.0) + 2)[1:]:
+                robot.asked = asked = start + share * (goal - start)
+                robot.sleep(1e-3)
+                assert robot.asked is asked
+            robot.hangs += 0.002
+            robot.sleep(0.5)
+            assert robot.asked is asked
 
 
 def at_rest(served, goal):
     """Wait until the set-point is at `goal` (n_joints,), and stays there."""
     served.ros.wait_for("/arm1/setpoint_js", lambda m: np.allclose(m.position, goal, atol=1e-9))
-    served.server._follower._stream.motion.wait(LONG)
+    served.follow()
     assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 
 
@@ -477,9 +558,8 @@ def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served
     assert len(caplog.records) == 1
 
 
-def test_two_clients_at_once_move_it_no_faster_than_one(served, arm, monkeypatch):
+def test_two_clients_at_once_move_it_no_faster_than_one(served, arm):
     """One moves the arm while the other, which then dies, sends set-points to and fro."""
-    monkeypatch.setattr(ros, "_GRACE", 0.2)
     setpoints = []
     served.arm.subscribe(lambda block: setpoints.append(block.setpoint[:, CHANNELS]))
     motion = arm.move_jp(ROBOT.home + 0.2 * SHOULDER)
@@ -510,15 +590,19 @@ def test_servo_and_move_pre_empt_each_other(served, arm):
     )
 
 
+OFFERED = "a simulated arm does not offer it"
 REFUSED = (
-    ("servo_jp", [0.0] * 6),
-    ("servo_jp", [np.nan, *ROBOT.home[1:]]),
-    ("servo_jr", [100.0, *[0.0] * 6]),
-    ("servo_jv", []),
-    ("move_jp", ROBOT.home + 100.0),
-    ("move_jr", [np.nan] * 7),
-    ("jaw/move_jp", [0.1, 0.1]),
-    ("interpolate_jp", [np.inf] * 7),
+    ("servo_jp", [0.0] * 6, "want 7 values"),
+    ("servo_jp", [np.nan, *ROBOT.home[1:]], "nan"),
+    ("servo_jp", ROBOT.home + 100.0, "outside its range"),
+    ("servo_jr", [100.0, *[0.0] * 6], "outside its range"),
+    ("servo_jr", [0.0], "want 7 values"),
+    ("servo_jv", [], "want 7 values"),
+    ("move_jp", ROBOT.home + 100.0, "outside its range"),
+    ("move_jr", [np.nan] * 7, "nan"),
+    ("jaw/move_jp", [0.1, 0.1], "want the opening"),
+    ("interpolate_jp", [np.inf] * 7, "inf"),
+    *((name, [], f"{name} refused: {OFFERED}") for name in ("free", "servo_jf", "jaw/servo_jf")),
 )
 
 
@@ -527,17 +611,18 @@ def test_commands_that_are_refused_change_nothing(served, arm, caplog):
     with caplog.at_level(logging.WARNING), served.move() as busy:
         served.say("move_jp", position=goal.tolist())
         served.ros.wait_for(STATE, lambda m: any(busy))
-        for name, values in REFUSED:
+        for name, values, _ in REFUSED:
+            kind = "std_msgs/Empty" if name == "free" else JOINT_STATE
             for _ in range(3):  # a stream of them
-                served.say(name, position=list(values), velocity=list(values))
+                served.say(name, kind, position=list(values), velocity=list(values))
     assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
-    assert [text.partition(":")[0] for text in caplog.messages] == [
-        f"/arm1/{n}" for n, _ in REFUSED
-    ]
+    for text, (name, _, why) in zip(caplog.messages, REFUSED, strict=True):
+        assert text.startswith(f"/arm1/{name}: ")
+        assert why in text
     assert arm.operating_state().state == "ENABLED"
 
 
-def test_the_jaws_have_topics_of_their_own(served, arm, caplog):
+def test_the_jaws_have_topics_of_their_own(served, arm):
     # As dvrk_python's psm asks (jhu-dvrk/dvrk_python:src/dvrk/psm.py): one position, the opening.
     jaws = ROBOT.index(ROBOT.grasper)
     there = ROBOT.home + 0.02 * (np.eye(7)[jaws[1]] - np.eye(7)[jaws[0]])  # the tool turned
@@ -552,9 +637,6 @@ def test_the_jaws_have_topics_of_their_own(served, arm, caplog):
         assert (list(said.name), len(said.position)) == (["jaw"], 1)
     served.say("jaw/servo_jp", position=[1.501])
     at_rest(served, opened + 0.0005 * np.isin(np.arange(7), jaws))
-    with caplog.at_level(logging.WARNING):
-        served.say("jaw/servo_jf")
-    assert "jaw/servo_jf refused: a simulated arm does not offer it" in caplog.text
 
 
 def test_a_twist_moves_the_tool(served, arm, caplog):
@@ -563,7 +645,7 @@ def test_a_twist_moves_the_tool(served, arm, caplog):
         for axis, value in linear.items():
             setattr(message.twist.linear, axis, value)
         served.ros.send("/arm1/servo_cv", message)
-        served.server._follower._stream.motion.wait(LONG)
+        served.follow()
 
     before = cartesian.pose(ROBOT.kinematics, ROBOT.home)
     twist(x=0.02)
@@ -675,13 +757,6 @@ def test_jacobians_are_published_row_by_row(served, arm):
     assert served.ros.wait_for("/arm1/body/measured_cf", lambda m: True).header.stamp == 0.0
 
 
-@pytest.mark.parametrize("name", ["free", "servo_jf"])
-def test_what_a_twin_cannot_do_is_refused_by_name(served, arm, caplog, name):
-    with caplog.at_level(logging.WARNING):
-        served.say(name, "std_msgs/Empty" if name == "free" else "sensor_msgs/JointState")
-    assert f"{name} refused: a simulated arm does not offer it" in caplog.text
-
-
 def test_velocities_hold_until_the_next_and_are_limited(served, arm):
     served.say("servo_jv", velocity=(1e3 * SHOULDER).tolist())
     most = ROBOT.joints[0].max_speed / served.arm.rate
@@ -703,11 +778,6 @@ def test_the_end_of_a_stream_is_not_in_the_way_of_unhoming(served, arm):
     served.ros.wait_for(STATE, lambda m: not m.is_homed)
 
 
-def increments(served, values):
-    """What RAVEN's controller sends: an increment of fifteen values."""
-    served.say("servo_jr", position=list(values))
-
-
 @pytest.fixture
 def quirky(monkeypatch):
     # Nobody commands from the arm's own thread, which must not wait for itself.
@@ -725,8 +795,8 @@ def quirky(monkeypatch):
 def test_ravens_controller_sends_more_values_than_joints_or_one(quirky, values):
     # uw-biorobotics/raven2_CRTK_Python_controller:python_controller/raven_py_controller.py sends
     # fifteen; uw-biorobotics/raven2, branch crtk, takes seven or more, or one.
-    increments(quirky, values)
-    quirky.server._follower._stream.motion.wait(LONG)
+    quirky.say("servo_jr", position=list(values))
+    quirky.follow()
     setpoint = quirky.arm.setpoint_js(LONG).position
     assert setpoint == pytest.approx(ROBOT.home + 1e-4 * SHOULDER, abs=1e-9)
 
@@ -740,13 +810,13 @@ def test_a_set_point_that_comes_as_a_stream_ends_is_not_lost(quirky, monkeypatch
         return ""
 
     monkeypatch.setattr(quirky.arm._backend, "flush", flush)
-    increments(quirky, 1e-4 * SHOULDER)
+    quirky.say("servo_jr", position=(1e-4 * SHOULDER).tolist())
     assert ending.wait(LONG)
     over = quirky.server._follower._stream.motion.over
     wait = over.wait
     monkeypatch.setattr(over, "wait", lambda timeout=None: asked.set() or wait(timeout))
-    increments(quirky, 1e-4 * SHOULDER)
-    quirky.server._follower._stream.motion.wait(LONG)
+    quirky.say("servo_jr", position=(1e-4 * SHOULDER).tolist())
+    quirky.follow()
     setpoint = quirky.arm.setpoint_js(LONG).position
     assert setpoint == pytest.approx(ROBOT.home + 2e-4 * SHOULDER, abs=1e-9)
 
@@ -760,8 +830,8 @@ def test_each_key_of_ravens_controller_moves_its_joint(quirky, joint, sign):
     step = np.zeros(15)
     step[joint] = sign * speed * 1e-3
     for _ in range(100):
-        increments(quirky, step)
-    quirky.server._follower._stream.motion.wait(LONG)
+        quirky.say("servo_jr", position=step.tolist())
+    quirky.follow()
     moved = quirky.arm.setpoint_js(LONG).position - ROBOT.home
     np.testing.assert_allclose(moved, 100 * step[:7], rtol=0, atol=1e-9)
 
@@ -769,7 +839,7 @@ def test_each_key_of_ravens_controller_moves_its_joint(quirky, joint, sign):
 @pytest.mark.parametrize("values", [[1e-4] * 6, [np.nan, *[0.0] * 14], []], ids=str)
 def test_of_an_increment_that_is_none_one_line_tells_and_nothing_moves(quirky, caplog, values):
     with caplog.at_level(logging.WARNING):
-        increments(quirky, values)
+        quirky.say("servo_jr", position=list(values))
     assert len(caplog.records) == 1
     assert "servo_jr" in caplog.text
     assert quirky.arm.setpoint_js(LONG).position == pytest.approx(ROBOT.home)
@@ -782,7 +852,7 @@ def test_its_grasper_has_topics_of_its_own(quirky):
     message = quirky.ros.stamped("sensor_msgs/JointState", quirky.ros.now())
     message.position = [0.02]
     quirky.ros.send("/grasp1/servo_jr", message)
-    quirky.server._follower._stream.motion.wait(LONG)
+    quirky.follow()
     opened = ROBOT.home + 0.01 * np.isin(JOINTS, ["jaw1", "jaw2"])
     assert quirky.arm.setpoint_js(LONG).position == pytest.approx(opened, abs=1e-9)
     said = quirky.ros.wait_for("/grasp1/measured_js", lambda m: True).position

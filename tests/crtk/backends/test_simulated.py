@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.conftest import homed
 
-from truejoint.crtk import Arm, Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
+from truejoint.crtk import Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.recordings import Recorder
 from truejoint.simulation import Twin, make_twin
@@ -23,6 +24,13 @@ def record(arm):
     return states, truths
 
 
+def listen(backend, blocks):
+    """Home a back end, and keep what it reports from then on."""
+    backend.state_command("enable", 5.0)
+    backend.state_command("home", 120.0)
+    backend.connect(blocks.append)
+
+
 def test_arm_reports_only_what_means_something(backend):
     typed: Backend = backend  # the type checker sees that it fits
     arm = simulated_arm("RAVEN2", "gold", seed=1)
@@ -38,10 +46,7 @@ def test_arm_reports_only_what_means_something(backend):
 
 
 def test_streams_agree_with_the_twin_itself(backend):
-    arm = simulated_arm(seed=1)
-    twin = backend.twin
-    arm.enable()
-    arm.home()
+    twin, arm = backend.twin, homed(SimulatedBackend(make_twin(seed=1)))
     twin.home()
     states, truths = record(arm)
     path = arm.robot.home + np.linspace(0, 0.02, 500)[:, None] * np.array([1, 1, 0.1, 0, 0, 0, 0])
@@ -58,9 +63,7 @@ def test_streams_agree_with_the_twin_itself(backend):
 @pytest.mark.parametrize("command", ["servo_jv", "servo_jr"])
 def test_servoing_moves_the_motors_as_fast_as_is_asked(backend, command):
     """Within 2 %: RAVEN-II's first controller moved at half the speed that it was told."""
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
+    arm = homed(backend)
     states, _ = record(arm)
     speed = np.array([0.05, -0.05, 0.01, 0.0, 0.0, 0.0, 0.0])
     for _ in range(600):
@@ -72,9 +75,7 @@ def test_servoing_moves_the_motors_as_fast_as_is_asked(backend, command):
 
 
 def test_no_time_passes_once_it_is_not_to_go_on(backend):
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
+    arm = homed(backend)
     start, rows = arm.time, np.tile(arm.robot.home, (500, 1))
     assert backend.servo_jp(rows, lambda: False) == 0
     assert arm.time == start
@@ -83,9 +84,7 @@ def test_no_time_passes_once_it_is_not_to_go_on(backend):
 
 
 def test_time_goes_on_over_blocks_moves_and_brakes():
-    arm = simulated_arm(seed=2)
-    arm.enable()
-    arm.home()
+    arm = homed(SimulatedBackend(make_twin(seed=2)))
     states, truths = record(arm)
     arm.move_jp(arm.robot.home + 0.01).wait()
     arm.pause()
@@ -98,9 +97,7 @@ def test_time_goes_on_over_blocks_moves_and_brakes():
 
 
 def test_an_arm_on_its_brakes_goes_on_to_report(backend):
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
+    arm = homed(backend)
     arm.servo_jp_stream(arm.robot.home + np.linspace(0, 0.001, 100)[:, None])
     arm.pause()
     braked = arm.measured_js()
@@ -124,9 +121,7 @@ def test_at_a_rate_of_its_own_a_set_point_holds_for_a_period():
     slow, fine = (SimulatedBackend(Raven2Twin(arm="left", seed=1), rate=r) for r in (500.0, 1e3))
     blocks = [[], []]
     for backend, said in zip((slow, fine), blocks, strict=True):
-        backend.state_command("enable", 5.0)
-        backend.state_command("home", 120.0)
-        backend.connect(said.append)
+        listen(backend, said)
     rows = slow.robot.home + np.linspace(0, 0.001, 100)[:, None]
     assert slow.servo_jp(rows, lambda: True) == 100
     fine.servo_jp(np.repeat(rows, 2, axis=0), lambda: True)
@@ -165,9 +160,7 @@ def test_a_leap_that_is_stopped_in_the_middle_is_taken_back(name):
     backends = [SimulatedBackend(make_twin(name, seed=4)) for _ in range(2)]
     heard = [[], []]
     for backend, blocks in zip(backends, heard, strict=True):
-        backend.state_command("enable", 5.0)
-        backend.state_command("home", 120.0)
-        backend.connect(blocks.append)
+        listen(backend, blocks)
         assert blocks.pop().t[-1] == pytest.approx(backend.time, abs=2e-3)  # where the arm is
     stopped, undisturbed = backends
     rows = np.tile(stopped.robot.home, (400, 1)) + 1e-4 * np.sin(np.arange(400.0) / 50)[:, None]
@@ -187,8 +180,7 @@ def test_a_leap_that_is_stopped_in_the_middle_is_taken_back(name):
 
 def test_a_load_that_is_hung_on_during_a_leap_stays():
     backend = SimulatedBackend(make_twin("raven2", seed=4))
-    backend.state_command("enable", 5.0)
-    backend.state_command("home", 120.0)
+    listen(backend, [])
     run = backend.twin.run
 
     def hung(rows):
@@ -203,9 +195,7 @@ def test_a_load_that_is_hung_on_during_a_leap_stays():
 
 def test_what_a_twin_alone_reports_is_recorded_with_its_units():
     twin: Twin = WristTwin(seed=3, load=0.2)
-    arm = Arm(SimulatedBackend(twin))
-    arm.enable()
-    arm.home()
+    arm = homed(SimulatedBackend(twin))
     with Recorder(arm, state_rate=100.0) as recorder:
         arm.wait(0.5)
         twin.load = 0.0

@@ -38,8 +38,9 @@ _LAG: Final = 0.06  # [s] by which joints may follow their set-points
 _SETTLING: Final = 5.0  # [s] after a motion: until then the robot's own loops have come to rest
 _FADE: Final = 0.25  # [s] in which a joint that moves gives most of its trim back
 _IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
-_STILL: Final = 0.04  # [s] for which the robot's may stand elsewhere until none is sent
-_GRACE: Final = 0.2  # [s] that it then has to move: a busy computer may have kept it
+_STILL: Final = 0.035  # [s] for which the robot's may stand elsewhere, and messages are even
+_MOST_STILL: Final = 0.24  # [s] for which it may at most: a busy computer may keep it
+_FORGOTTEN: Final = 0.1  # of a silence, the share of the time since then that no longer counts
 _log = logging.getLogger(__name__)
 
 
@@ -117,6 +118,7 @@ class RosBackend:
         self._changed = threading.Condition()  # of what follows
         self._state: OperatingState | None = None
         self._heard = -np.inf  # when, by this computer's clock
+        self._silence = 0.0  # longest between two messages, of late [s]
         self._ahead = 0.0  # of the robot's clock [s]
         self._homing = ""
         self._setpoint: Array | None = None
@@ -127,8 +129,9 @@ class RosBackend:
         self._command: Publisher
         self._due = 0.0
         self._sent: Array | None = None
+        self._stood: Array | None = None  # where the robot's set-point was then
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
-        self._astray: tuple[float, Array] | None = None  # since when the set-point stands elsewhere
+        self._astray: tuple[float, Array] | None = None  # since when [s] the set-point stands off
         self._measured: Array | None = None
         # A joint that has arrived creeps on: a fifth of the tolerance is for that.
         self._near = 0.8 * np.array([tolerance[joint.unit] for joint in robot.joints])
@@ -168,7 +171,6 @@ class RosBackend:
         # Forget what an earlier listener saw: the robot may have been homed meanwhile.
         self._state = self._setpoint = self._measured = self._velocity = None
         self._failure = None
-        self._forget_sent()
         self._homing, self._has_commanded = "", False
         self._closed.clear()
         self._listener = listener
@@ -177,6 +179,7 @@ class RosBackend:
         except BaseException:
             self.disconnect()
             raise
+        self._forget_sent()
 
     def _open(self) -> None:
         """Take up the topics; returns once the robot reports its state, and its joints if homed."""
@@ -260,7 +263,7 @@ class RosBackend:
             self._wait_for_joints()
 
     def _forget_sent(self) -> None:
-        self._settling = math.inf, -math.inf
+        self._settling, self._silence = (math.inf, -math.inf), 0.0
         self._sent = self._astray = None
         self._trim = np.zeros_like(self._trim)
         self._in_flight.clear()
@@ -302,7 +305,7 @@ class RosBackend:
 
     def _send(self, row: Array) -> None:
         """Send a set-point (n_joints,) [rad or m], and what is added to it."""
-        self._sent = row
+        self._sent, self._stood = row, self._setpoint
         target = np.clip(row + self._trim, self.robot.lower, self.robot.upper)
         message = self._transport.stamped(JOINT_STATE, self._transport.now())
         message.position = target.tolist()
@@ -313,43 +316,47 @@ class RosBackend:
     def _is_taken(self, go_on: Callable[[], bool]) -> bool:
         """Wait while the robot's set-point stands elsewhere; False where it is not to go on.
 
-        Raises CommandRefused where it stands there for too long.
+        Raises CommandRefused where it stands there, by the robot's clock, for `_STILL`, or for
+        twice as long as messages failed to come of late.
         """
-
-        def stands() -> bool:
-            return self._astray is not None and time.monotonic() - self._astray[0] > _STILL
-
         with self._changed:
-            astray, end = self._astray, time.monotonic() + _GRACE
-            while astray is not None and stands() and time.monotonic() < end:
+            while (astray := self._astray) is not None:
+                stands, silence = self.time - astray[0], time.monotonic() - self._heard
+                if stands <= _STILL:
+                    break
+                if stands > min(2.0 * max(self._silence, silence), _MOST_STILL):
+                    raise self._not_taken(astray[1])
                 if not go_on():
                     return False
                 self._changed.wait(GRAIN)
-            if astray is None or not stands():
-                return True
-            setpoint, sent = astray[1], self._in_flight[-1][1]
-            self._astray = None
-            self._in_flight.clear()
+        return True
+
+    def _not_taken(self, setpoint: Array) -> CommandRefused:
+        """Error that the robot's set-point (n_joints,) is not that which was sent."""
+        sent, self._astray = self._in_flight[-1][1], None
+        self._in_flight.clear()
         k = int(np.argmax(np.abs(setpoint - sent) / self._near))
         joint = self.robot.joints[k]
-        raise CommandRefused(
+        return CommandRefused(
             "servo_jp stopped: the robot does not take the set-points that are sent: "
             f"{joint.name} stands at {shown(float(setpoint[k]), joint.unit)}, "
             f"{shown(float(sent[k]), joint.unit)} was sent; see its log"
         )
 
-    def _compare(self, setpoint: Array) -> None:
-        """Keep in mind since when the robot's set-point stands off the way of those sent."""
+    def _compare(self, t: float, setpoint: Array) -> None:
+        """Keep in mind since when [s], by its clock, the robot's set-point stands off the last."""
         now, in_flight = time.monotonic(), self._in_flight
-        while len(in_flight) > 1 and now - in_flight[1][0] > _IN_FLIGHT:
+        while len(in_flight) > 1 and now - in_flight[1][0] > _IN_FLIGHT + 2.0 * self._silence:
             in_flight.popleft()
-        if not in_flight or now - in_flight[-1][0] > _GRACE + _IN_FLIGHT:
-            self._astray = None  # nothing is being sent
-            return
-        if self._profile.no_setpoint or self._is_on_way(setpoint):
+        if (
+            self._profile.no_setpoint
+            or not in_flight
+            or now - in_flight[-1][0] > _MOST_STILL + _IN_FLIGHT  # nothing is being sent
+            or (np.abs(setpoint - in_flight[-1][1]) <= self._near).all()
+        ):
             self._astray = None
         elif self._astray is None or not np.array_equal(setpoint, self._astray[1]):
-            self._astray = (now, setpoint)
+            self._astray = t, setpoint
 
     def _is_on_way(self, setpoint: Array) -> bool:
         """Whether it is one of those sent, or between them, within the tolerance."""
@@ -387,7 +394,8 @@ class RosBackend:
         return ""
 
     def _has_arrived(self) -> bool:
-        return bool((np.maximum(self._to_go(), np.abs(self._off())) <= self._near).all())
+        # A joint goes as far as its set-point still has to.
+        return bool((self._to_go() + np.abs(self._off()) <= self._near).all())
 
     def _to_go(self) -> Array:
         """How far (n_joints,) the robot's set-point is from the last that was sent [rad or m]."""
@@ -411,12 +419,17 @@ class RosBackend:
             return
         # Joints of before the last set-point was taken would be trimmed twice on a slow link.
         is_taken = (np.abs(setpoint - self._in_flight[-1][1]) <= 0.1 * self._near).all()
-        if state is None or not state.is_ready or not is_taken:
+        if state is None or not state.is_ready or self._sent is None:
+            return
+        if not is_taken:
+            stands = self._stood is not None and np.array_equal(setpoint, self._stood)
+            if stands and now - self._in_flight[-1][0] > _IN_FLIGHT:
+                self._send(self._sent)  # the last one was lost
             return
         elapsed, self._trimmed = min(now - self._trimmed, _LAG), now
         off = self._off()
         added = np.where(np.abs(off) > _NEAR * self._near, off * elapsed / _TRIM_TIME, 0.0)
-        if added.any() and self._sent is not None:
+        if added.any():
             self._trim = np.clip(self._trim + added, -self._most_trim, self._most_trim)
             self._send(self._sent)
 
@@ -469,8 +482,9 @@ class RosBackend:
             self._changed.notify_all()
 
     def _tell_time(self, t: float) -> None:
-        self._heard = time.monotonic()
-        self._ahead = t - self._heard
+        now, before = time.monotonic(), self._heard
+        self._silence = max(now - before, self._silence - _FORGOTTEN * (now - before))
+        self._heard, self._ahead = now, t - now
 
     def _on_state(self, _: Any, t: float, columns: Mapping[str, Array]) -> None:
         state, listener = self._state, self._listener
@@ -484,7 +498,7 @@ class RosBackend:
         with self._changed:
             self._setpoint = block.setpoint[-1, self.robot.joint_channels] + trim
             self._measured = block.measured[-1, self.robot.joint_channels]
-            self._compare(self._setpoint)
+            self._compare(t, self._setpoint)
             self._settle(self._setpoint)
             self._changed.notify_all()
 
