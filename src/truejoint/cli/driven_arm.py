@@ -28,21 +28,20 @@ _LOOK: Final = 0.3  # [s] in which a set-point that is moved shows it
 
 
 @dataclass(frozen=True)
-class ArmOnTopics:
+class Topics:
     """Which arm on ROS's topics, if any, an option each."""
 
     ros: int | None = None
     namespace: str = ""
     profile: str = ""
-    truth: str = ""
 
     @contextmanager
-    def over_ros(self, robot: Robot, *, controls: bool = False) -> Iterator[Arm]:
+    def over_ros(self, robot: Robot, truth: str = "", *, controls: bool = False) -> Iterator[Arm]:
         """Look on while others move the arm or, where it `controls`, be the only one who does."""
         with joined("truejoint", self.ros or 1) as transport:
             connected = partial(
                 truejoint.crtk.RosBackend, transport, robot, self.profile,
-                namespace=self.namespace, truth=self.truth,
+                namespace=self.namespace, truth=truth,
             )  # fmt: skip
             with truejoint.crtk.Arm(connected(), controls=False) as device:
                 if not controls:
@@ -54,6 +53,13 @@ class ArmOnTopics:
                     )
             with truejoint.crtk.Arm(connected()) as device:
                 yield device
+
+
+@dataclass(frozen=True)
+class ArmOnTopics(Topics):
+    """Which arm on ROS's topics with its truth, if any, an option each."""
+
+    truth: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,7 +88,7 @@ class RealArm(ArmOnTopics):
         prompt = f"{what}. Type its name to go on"
         if not self.yes_move_it and typer.prompt(prompt, default="", err=True) != name:
             raise CommandRefused("nothing was moved: another name was typed")
-        with self.over_ros(robot, controls=True) as device:
+        with self.over_ros(robot, self.truth, controls=True) as device:
             yield device
 
 
@@ -108,7 +114,7 @@ class BriefTruth(ArmOnTopics):
             raise CommandRefused(
                 f"--duration-s {duration:g}: give 1 to 600 s for what is recorded now"
             )
-        with self.over_ros(robot) as device:
+        with self.over_ros(robot, self.truth) as device:
             if not device.operating_state().is_homed:
                 raise CommandRefused(f"{robot.title} is not homed: home it first")
             say(f"Recording {robot.title} for {duration:g} s ...")

@@ -51,7 +51,7 @@ def monitor(
                 if live.ros is not None:
                     of_model = calibration if not files.robot else None
                     robot = of_model.machine if of_model else options.get_robot(name)
-                    arm = stack.enter_context(live.over_ros(robot))
+                    arm = stack.enter_context(live.over_ros(robot, live.truth))
                 else:
                     how = {"parameters": twin or "nominal", "seed": seed or 0}
                     backend = truejoint.crtk.PacedBackend(options.make_twin(name, **how))

@@ -16,7 +16,7 @@ import typer
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, print_table, progress, say
-from truejoint.cli.driven_arm import home
+from truejoint.cli.driven_arm import Topics, home
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, NewModel, check_page_target
 from truejoint.cli.show import is_model
@@ -103,21 +103,24 @@ class Aim:
         return of_model(calibration, pose, finds_block=self.bolted is None)
 
 
+class SteeredArm(Topics):
+    """Which real arm a person steers into the dimples, if any, an option each."""
+
+
 def run(
     arm: str,
     aim: Aim,
+    live: SteeredArm,
     output: Path | None = None,
     count: int | None = None,
-    by_hand: bool = False,
-    namespace: str = "",
-    ros: int = 1,
     twin: str = "nominal",
     seed: int = 0,
     force: bool = False,
 ) -> None:
     """Touch a block's dimples: which, in which order, and from which sides.
 
-    A simulated arm is homed and driven; with --by-hand you steer, and say when the tip is seated.
+    A simulated arm is homed and driven; with --ros you steer a real one, and say when its tip is
+    seated.
     """
     ending = Path(options.robot_and_arm(arm)[0]).suffix
     model = None if ending in {"", ".toml"} and not is_model(Path(arm)) else Path(arm)
@@ -135,13 +138,14 @@ def run(
     path = output.with_suffix(".parquet")
     for target in (output, path):
         check_target(target, overwrite=force)
-    opened = _by_hand(task.robot, namespace, ros) if by_hand else _simulated(task.pose, twin, seed)
+    is_real = live.ros is not None
+    opened = _steered(live, task.robot) if is_real else _simulated(task.pose, twin, seed)
     about: dict[str, Any] = {"session": output.stem, "command": command_line()}
     with (
         opened as (device, seat),
         truejoint.recordings.Recorder(device, path=path, overwrite=force, **about) as recorder,
     ):
-        made = follow_plan(stops, recorder, seat, output, goes_on=by_hand)
+        made = follow_plan(stops, recorder, seat, output, goes_on=is_real)
     out.print(f"{output}: {len(made)} touches of {task.pose.block.name}")
     following = "rezero" if aim.bolted else "touch bolt" if model else "touch calibrate"
     say(f"next: truejoint {following} (docs/touch.md)")
@@ -201,22 +205,22 @@ def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoin
 
 
 @contextmanager
-def _by_hand(
-    robot: truejoint.robots.Robot, namespace: str, ros: int
+def _steered(
+    live: SteeredArm, robot: truejoint.robots.Robot
 ) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm that others steer over ROS, and a person who says when its tip is seated."""
-    from truejoint.cli.node import as_node
-    from truejoint.crtk.backends.ros import RosBackend
-
-    with as_node("truejoint_touch", ros) as transport:
-        backend = RosBackend(transport, robot, namespace=namespace)
-        with truejoint.crtk.Arm(backend, controls=False) as device:
-            yield device, partial(prompted, device)
+    with live.over_ros(robot) as device:
+        yield device, partial(prompted, device)
 
 
 def prompted(device: truejoint.crtk.Arm, stop: Stop, **how: Any) -> float:
     """Ask a person to seat the tip; gives the time of the state when that is said."""
-    typer.prompt(f"dimple {stop.dimple}, come with {stop.words}; seated?", default="", **how)
+    typer.prompt(
+        f"dimple {stop.dimple}, come with {stop.words}; seated?",
+        default="",
+        show_default=False,
+        **how,
+    )
     t = float(device.measured_js().t)
     threading.Event().wait(_AFTER)
     return t
