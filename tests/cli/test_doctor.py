@@ -29,4 +29,4 @@ def test_it_says_what_it_heard_until_ctrl_c(call, monkeypatch):
     assert "stopped after" in found.err
     lines = found.out.splitlines()
     assert lines[0].startswith(f"good link: {STATE} 29.")
-    assert len(lines) == 15
+    assert len(lines) == 16

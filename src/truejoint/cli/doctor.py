@@ -28,6 +28,8 @@ def doctor(
     ros: int | None = None,
 ) -> Result:
     """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
+    from truejoint.recordings.read.track import read_tool_poses
+
     sets = truejoint.recordings
     name, arm = options.robot_and_arm(robot or "")
     wiring = {"profile": profile, "state": state, "truth": truth}
@@ -38,7 +40,8 @@ def doctor(
     elif len(files) > 1 or sets.detect_format(files[0]) == "bag":
         with progress(f"Examining {', '.join(path.name for path in files)}"):
             recording = sets.read_bag(files, name, arm, profile=profile, state=state, truth=truth)
-            diagnosis = sets.diagnose(recording, sets.read_other_arm(files, recording))
+            poses = read_tool_poses(files, recording, profile, state)
+            diagnosis = sets.diagnose(recording, sets.read_other_arm(files, recording), poses)
     elif any(wiring.values()):
         raise RecordingError(f"{files[0]}: is no bag, so it has neither profile nor topics")
     else:

@@ -16,7 +16,9 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.join.joining import find_clock_offset
 from truejoint.recordings.judge.data_check import DataCheck, check_data
 from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding, Level
+from truejoint.recordings.judge.tool_pose import judge_tool_pose
 from truejoint.recordings.read.raven_csv import AMID
+from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, Stream, velocity
 
@@ -39,7 +41,9 @@ _NEED_MOTION: Final = ("arm", "effort-sign", "frozen", "delay")
 _TAKE_MOTION: Final = ("frozen", "saturated", "delay", "sign", "outliers", "jump")
 
 
-def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
+def diagnose(
+    recording: Recording, other: Recording | None = None, tool_poses: Track | None = None
+) -> DataCheck:
     """Judge a recording and the link that brought it: `check_data`, and what the link did.
 
     A heading under which nothing is wrong has a finding of level ``"good"``, so that
@@ -51,6 +55,8 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
         Of one arm, with or without truth.
     other : Recording, optional
         Of the robot's other arm meanwhile, to tell whether the truth is of that one.
+    tool_poses : Track, optional
+        What the robot reported of its tool, to compare with its kinematics.
 
     Raises
     ------
@@ -74,6 +80,7 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
     moving_truth = [joint for joint in truth if joint in moving]
     findings = [*_judge_drops(recording), *_judge_effort(recording, joints)]
     findings += _judge_overlap(recording, truth)
+    findings += filter(None, [judge_tool_pose(recording, tool_poses)])
     if moving:
         findings += _judge_arm(recording, other, moving_truth)
         findings += _judge_effort_sign(recording, moving)

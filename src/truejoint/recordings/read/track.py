@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +13,11 @@ from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.bounded_file import Head
+from truejoint.recordings.read.bags.assembling import find_wiring
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.bags.reading import Bags, bag_topics, read_topic
+from truejoint.recordings.read.bags.reading import Bags, as_paths, bag_topics, read_topic
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
+from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import forward_rows
 from truejoint.units import FACTORS
 
@@ -39,7 +40,8 @@ _FIELDS: Final[Mapping[str, tuple[str, str]]] = {
     "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation"),
 }
 # What an arm says of itself is no tracker's.
-_OWN: Final = ("measured_cp", "setpoint_cp", "goal_cp", "servo_cp", "move_cp", "interpolate_cp")
+_POSE: Final = "measured_cp"
+_OWN: Final = (_POSE, "setpoint_cp", "goal_cp", "servo_cp", "move_cp", "interpolate_cp")
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,9 +177,7 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     >>> len(read_track("points.csv"))
     100
     """
-    sources = [Path(path)] if isinstance(path, str | os.PathLike) else [Path(part) for part in path]
-    if not sources:
-        raise RecordingError("there is no file of points to read; give at least one")
+    sources = as_paths(path)
     source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
@@ -192,6 +192,29 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
         values = _read_text(head)
     turns = values[:, 4:] if values.shape[1] > 4 else None
     return Track.of_readings(values[:, 0], values[:, 1:4] * UNITS[unit], turns, name)
+
+
+def read_tool_poses(
+    bags: Bags, recording: Recording, profile: str = "", state: str = ""
+) -> Track | None:
+    """Read what the arm of a recording says in its bags of its tool's pose; None if nothing.
+
+    Examples
+    --------
+    >>> truejoint.recordings.write_bag(test, "session.bag")
+    >>> read_tool_poses("session.bag", test) is None
+    True
+    """
+    paths, robot = as_paths(bags), recording.robot
+    topics = bag_topics(paths)
+    wiring = find_wiring(paths[0], topics, robot, profile, state, truth=None)
+    space = wiring.state.rpartition("/")[0]
+    for name, (kind, count) in topics.items():
+        arm = wiring.profile.arm_of(name)
+        is_of_arm = arm == robot.arm if arm else name.rpartition("/")[0] == space
+        if crtk_name(name) == _POSE and kind in _FIELDS and count >= _FEWEST and is_of_arm:
+            return read_track(paths, name)
+    return None
 
 
 def _read_text(head: Head) -> Array:

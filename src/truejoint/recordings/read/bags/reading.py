@@ -36,7 +36,7 @@ def bag_topics(bags: Bags) -> dict[str, tuple[str, int]]:
     ('sensor_msgs/JointState', 400)
     """
     topics: dict[str, tuple[str, int]] = {}
-    for path in _paths(bags):
+    for path in as_paths(bags):
         for topic, count in list_topics(path).items():
             before = topics.get(topic.name, ("", 0))[1]
             topics[topic.name] = message_type(topic.type), before + count
@@ -95,7 +95,7 @@ def read_bag(
     >>> recording.joints_of("truth"), len(recording)
     (('jaw',), 400)
     """
-    paths = _paths(bags)
+    paths = as_paths(bags)
     quantities = [quantities] if isinstance(quantities, str) else list(quantities)
     for quantity in quantities:
         if quantity not in RAVEN_FIELDS:
@@ -117,7 +117,7 @@ def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
     >>> truejoint.recordings.read_other_arm("session.bag", test) is None
     True
     """
-    robot, paths = recording.robot, _paths(bags)
+    robot, paths = recording.robot, as_paths(bags)
     topics = bag_topics(paths) if robot.name == "raven2" else {}
     if not any(kind.endswith(assembling.RAVEN_TYPE) for kind, _ in topics.values()):
         return None
@@ -158,7 +158,7 @@ def read_topic(
     >>> found["position"].shape
     (400, 1)
     """
-    paths, fields = _paths(bags), [fields] if isinstance(fields, str) else list(fields)
+    paths, fields = as_paths(bags), [fields] if isinstance(fields, str) else list(fields)
     topics = bag_topics(paths)
     assembling.require_topic(paths[0], topics, topic)
     series = Series()
@@ -177,10 +177,11 @@ def read_topic(
     return stamps, {name: np.column_stack(values) for name, values in parts.items()}
 
 
-def _paths(bags: Bags) -> list[Path]:
+def as_paths(bags: Bags) -> list[Path]:
+    """Paths of one file or of several; raises RecordingError without any."""
     paths = [Path(bag) for bag in ([bags] if isinstance(bags, str | os.PathLike) else bags)]
     if not paths:
-        raise RecordingError("there is no bag to read; give at least one")
+        raise RecordingError("there is no file to read; give at least one")
     return paths
 
 
