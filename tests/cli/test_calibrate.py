@@ -109,3 +109,20 @@ def test_a_wrist_without_a_load_is_refused_in_one_line(call: Call, tmp_path):
     result = call("calibrate", path, "-e", "ukf_cables", "-o", tmp_path / "m.st")
     assert result.code == 2
     assert "add a minute under known loads" in result.err
+
+
+def test_models_of_like_instruments_make_a_model_of_few_seconds(call, session, tmp_path):
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "one.st").write_bytes((session / "m.st").read_bytes())
+    output, brief = tmp_path / "new.st", (session / "zigzag.parquet", "--part", "0:0.2")
+    made = call("calibrate", *brief, "--like", tmp_path / "lab", session / "m.st", "-o", output)
+    assert made.code == 0, made.err
+    assert made.out.count("50 %") == 2 * 3  # two models alike, three joints
+    assert read_calibration(output).estimator == "pooled"
+    (tmp_path / "empty").mkdir()
+    refused = call("calibrate", *brief, "--like", tmp_path / "empty", "-o", output, "--force")
+    assert refused.code == 2
+    assert "no model file is there" in refused.err
+    refused = call("calibrate", *brief, "--like", session / "m.st", "--interval", "cross",
+                   "-o", output, "--force")  # fmt: skip
+    assert "leave out cross" in refused.err

@@ -6,6 +6,7 @@ from .conformal import with_interval as with_interval
 from .fit import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
+from .like import calibrate_like as calibrate_like
 from .model_file import read_calibration as read_calibration
 from .model_file import write_calibration as write_calibration
 from .motor_zero import motor_zero as motor_zero

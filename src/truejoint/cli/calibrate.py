@@ -19,6 +19,7 @@ from truejoint.cli.recording_options import (
     only_dataset,
     say_failed,
 )
+from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
 from truejoint.units import display_unit
 
@@ -59,8 +60,12 @@ def calibrate(
     files: Files,
     part: str | None = None,
     split: str | None = None,
+    like: list[str] | None = None,
 ) -> Result:
     """Fit a calibration to recordings that hold the true joint positions."""
+    recordings, models = _like(like, recordings)
+    if models and accuracy.is_cross:
+        raise CalibrationError("--like goes with recordings for --interval; leave out cross")
     dataset = only_dataset(recordings)
     unfitted = how.unfitted(dataset)
     suited = how.suited_to(dataset).arguments()
@@ -73,8 +78,37 @@ def calibrate(
     check = data_check.run(training, joints=how.joints)
     if check.failed:
         return refused(check)
-    fitted = fit(training, unfitted, **suited, is_cross=accuracy.is_cross)
+    fitted = fit(training, unfitted, **suited, is_cross=accuracy.is_cross, models=models)
+    if models:
+        _print_like(fitted)
     return finish(accuracy.stated_by(fitted, unseen), check, new)
+
+
+def _like(
+    like: list[str] | None, recordings: list[str]
+) -> tuple[list[str], list[truejoint.Calibration]]:
+    """Read models of like instruments, files or folders; some may stand among the recordings."""
+    if like is None:
+        return recordings, []
+    among = [name for name in recordings if is_model(Path(name))]
+    paths = []
+    for path in map(Path, [*like, *among]):
+        paths += sorted(filter(is_model, path.iterdir())) if path.is_dir() else [path]
+    if not paths:
+        raise CalibrationError(f"--like {' '.join(like)}: no model file is there")
+    rest = [name for name in recordings if name not in among]
+    return rest, [truejoint.read_calibration(path) for path in paths]
+
+
+def _print_like(fitted: truejoint.Calibration) -> None:
+    """Print how much each of the models of like instruments weighs, or why they were left aside."""
+    facts = fitted.metadata["like"]
+    if "left_aside" in facts:
+        say(f"left aside what --like names: {facts['left_aside']}")
+        return
+    names, weights = facts["models"], facts["weights"]
+    rows = [[n, *(f"{100 * w[k]:.0f} %" for w in weights.values())] for k, n in enumerate(names)]
+    print_table(["model", *weights], rows, title="Weights of models of like instruments")
 
 
 def refused(check: truejoint.recordings.DataCheck) -> Result:
@@ -101,16 +135,30 @@ def fit(
     estimator: Unfitted,
     *,
     is_cross: bool = False,
+    models: Sequence[truejoint.Calibration] = (),
     **how: Any,
 ) -> truejoint.Calibration:
-    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it."""
+    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it.
+
+    With `models` as `calibrate_like` does.
+    """
     automatic = truejoint.calibration.Automatic
-    named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
+    named = (
+        "Weighing"
+        if models
+        else "Choosing"
+        if isinstance(estimator, automatic)
+        else f"Fitting {estimator.name}"
+    )
     make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
     with progress(named) as done:
         if isinstance(estimator, automatic):
             estimator = replace(estimator, tell=done.say)
-        fitted = make(training, estimator, progress=done, **how)
+        if models:
+            like = truejoint.calibration.calibrate_like
+            fitted = like(training, models, estimator, progress=done, **how)
+        else:
+            fitted = make(training, estimator, progress=done, **how)
     if fitted.metadata["outliers"]:
         say(f"  left out as gross outliers of the truth: {fitted.metadata['outliers']} rows")
     without = tuple(f"/{channel}" for channel in training[0].robot.unused_channels)

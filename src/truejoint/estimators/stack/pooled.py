@@ -1,0 +1,138 @@
+"""What models of like instruments say of a new one: their mean, weighted as its truth says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.family import (
+    ANYTHING,
+    LARGEST,
+    EstimatorData,
+    Family,
+    Params,
+    Rule,
+    evaluate,
+)
+from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.stack import run as stack
+
+_ROUNDS: Final = 5  # of weights and what they leave, in turn
+_ALIKE: Final = 0.5  # [s] for which errors of a model resemble each other
+
+
+@dataclass(frozen=True, eq=False)
+class Expert:
+    """A fitted estimator of another instrument.
+
+    Attributes
+    ----------
+    data : EstimatorData
+    columns : tuple of int
+        Places of the features that it takes.
+    direct : ndarray, shape (n_features, n_outputs)
+        What each feature adds to its prediction.
+    """
+
+    data: EstimatorData
+    columns: tuple[int, ...]
+    direct: Array
+
+    def predict(self, X: Array, dt: Array) -> Array:
+        """Predict (n, n_outputs) for rows `X` (n, n_features), `dt` (n,) [s] apart."""
+        kind, n_outputs = self.data.kind, self.direct.shape[1]
+        memory = kind.memory(self.data, len(self.columns), n_outputs)
+        seen = np.ascontiguousarray(X[:, self.columns])
+        return np.asarray(evaluate(kind, memory, seen, dt, n_outputs) + X @ self.direct)
+
+
+@dataclass(eq=False, repr=False)
+class Pooled(JointRegressor):
+    """Weighted mean of fitted `experts`, and an offset: what few seconds of truth can tell.
+
+    A mean of experts whose weights are normal about equal ones, with a deviation that is as large
+    for all of them together (empirical Bayes with the experts as samples of the prior); the offset
+    is free. Errors of rows within half a second count as one. At most nine experts.
+
+    Examples
+    --------
+    >>> X = np.linspace(-1.0, 1.0, 200)[:, None]
+    >>> models = [get_estimator("linear").fit(X, slope * X) for slope in (0.9, 1.1)]
+    >>> experts = [Expert(model.data, (0,), np.zeros((1, 1))) for model in models]
+    >>> Pooled(experts).fit(X, X[:, 0] + 3.0).predict([[0.5]]).round(2)
+    array([3.5])
+    """
+
+    fitted_params: ClassVar[Params] = {"members": (), "columns": ()}
+    training: ClassVar[Mapping[str, Rule]] = {"experts": ANYTHING}
+    experts: Sequence[Expert] = ()
+
+    def __repr__(self) -> str:
+        return f"Pooled({len(self.experts)} experts)"
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return "pooled"
+
+    @property
+    def family(self) -> Family:  # type: ignore[override]  # by its members
+        """What runs it."""
+        return stack.FAMILY.of(self.model_params())
+
+    def model_params(self) -> Params:
+        """Parameters of the family: the experts, and an offset beside them."""
+        n_features, n_outputs = self.experts[0].direct.shape
+        offset = Polynomial(0, ridge=False)
+        kinds = [(expert.data.family, expert.data.params) for expert in self.experts]
+        kinds.append((offset.family.name, offset.model_params()))
+        every = tuple(range(n_outputs))
+        return {
+            "members": tuple((family, dict(params), every) for family, params in kinds),
+            "columns": (*(e.columns for e in self.experts), tuple(range(n_features))),
+        }
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        known = self._known(y)
+        predicted = np.stack([expert.predict(X, dt) for expert in self.experts], axis=2)
+        pairs = zip(predicted[known].transpose(1, 0, 2), y[known].T, strict=True)
+        count = max(dt.sum() / _ALIKE, 1.0)
+        weights = np.array([_weights(p, target, count) for p, target in pairs])
+        rest = y - np.einsum("njk,jk->nj", predicted, weights)
+        offset = Polynomial(0, ridge=False).fit(X[known], rest[known])
+        members = [*(expert.data.arrays for expert in self.experts), offset.arrays_]
+        n_columns = sum(map(len, self.model_params()["columns"]))
+        n_features, n_outputs = X.shape[1], y.shape[1]
+        progress(1.0)
+        return {
+            "weights": np.append(weights.T.ravel(), np.ones(n_outputs)),
+            "lower": np.full(n_columns, -LARGEST),
+            "upper": np.full(n_columns, LARGEST),
+            "slope": np.zeros((n_columns, n_outputs)),
+            "direct": np.concatenate(
+                [*(expert.direct for expert in self.experts), np.zeros((n_features, n_outputs))]
+            ),
+            **{f"{i}/{name}": a for i, each in enumerate(members) for name, a in each.items()},
+        }
+
+
+def _weights(predicted: Array, target: Array, count: float) -> Array:
+    """Weights (k,) of predictions (n, k), whose sum is 1, of `count` independent errors."""
+    k = predicted.shape[1]
+    mean = predicted.mean(axis=1)
+    spread = predicted - mean[:, None]
+    spread, rest = spread - spread.mean(axis=0), target - mean
+    rest = rest - rest.mean()
+    change, variance = np.zeros(k), rest.var()
+    for _ in range(_ROUNDS):
+        if variance > 0.0:
+            share = count / (len(rest) * variance)
+            precision = share * spread.T @ spread + k * np.eye(k)
+            change = np.linalg.solve(precision, share * spread.T @ rest)
+            variance = np.mean((rest - spread @ change) ** 2)
+    return np.asarray(1.0 / k + change - change.mean())
