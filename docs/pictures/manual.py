@@ -5,15 +5,19 @@ Run ``python docs/pictures/manual.py [NAME ...]``; it needs the extra ``plots`` 
 
 from __future__ import annotations
 
+import contextlib
 import math
+import re
 import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch
 
@@ -27,6 +31,7 @@ from truejoint.studies.forceps.motions import record
 
 MEASURED, TRUE, OTHER, CORRECTED = "#b3541e", "#1a1a1a", "#8a8a8a", "#1f6fb2"
 WIDTH: Final = 8.0  # [in]
+PAGES: Final = Path(__file__).parents[1]
 ELBOW: Final = "elbow"
 
 
@@ -211,6 +216,117 @@ def topics() -> Any:
     return figure
 
 
+def page_of(name: str) -> dict[str, Any]:
+    """Run the first Python block of a page in a new folder; give its variables."""
+    block = re.findall(r"```python\n(.*?)```", (PAGES / name).read_text("utf-8"), re.DOTALL)[0]
+    names: dict[str, Any] = {}
+    with TemporaryDirectory() as folder, contextlib.chdir(folder):
+        path = Path("page.py").resolve()  # numba keeps what it compiles beside the source
+        path.write_text(block, "utf-8")
+        exec(compile(block, str(path), "exec"), names)  # noqa: S102 - our own page
+        files = sorted(Path.cwd().glob("*.csv"))
+        names["tables"] = [np.loadtxt(file, delimiter=";", skiprows=1) for file in files]
+    return names
+
+
+def csv() -> Any:
+    """Draw the error that the page on CSV files begins with, and what two models leave of it."""
+    recordings = []
+    for table in page_of("recordings.md")["tables"]:
+        t, motor, joint, torque = table.T * [[1e-3], [np.pi / 180], [np.pi / 180], [1e-3]]
+        columns = {"t": t, "measured/jaw": motor, "truth/jaw": joint, "effort/jaw": torque}
+        recordings.append(truejoint.Recording.from_columns(columns, "davinci_grasper"))
+    *made_of, test = recordings
+    figure, axes = panels()
+    axis = axes[0, 0]
+    axis.plot(
+        test.t, np.degrees(-test.error(test.joints)), color=MEASURED, lw=1.2, label="reported"
+    )
+    for name, colour in (("linear", OTHER), ("rich_play", CORRECTED)):
+        error = truejoint.calibrate(made_of, name).correct(test)[:, 0] - test["truth/jaw"]
+        axis.plot(test.t, np.degrees(error), color=colour, lw=1.2, label=name)
+    axis.set(xlabel="time [s]", ylabel="error of the wrist [deg]")
+    axis.legend(frameon=False, loc="lower left", ncols=3, bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
+def pendulum() -> Any:
+    """Draw what the page's filter makes of an encoder that is silent for 50 ms."""
+    names = page_of("filter.md")
+    result, t = names["result"], names["t"]
+    sd = 2.0 * np.sqrt(np.diagonal(result.P, axis1=1, axis2=2))
+    figure, axes = panels(1, 2, 2.8)
+    for k, (axis, label) in enumerate(zip(axes[0], ("angle [rad]", "rate [rad/s]"), strict=True)):
+        axis.fill_between(t, result.x[:, k] - sd[:, k], result.x[:, k] + sd[:, k],
+                          color="#c9dcee", label="2 sd")  # fmt: skip
+        axis.plot(t, result.x[:, k], color=CORRECTED, lw=1.4, label="filtered")
+        axis.axvspan(0.1, 0.15, color="#f3e6dc", zorder=0)
+        axis.set(xlabel="time [s]", ylabel=label)
+    axes[0, 0].plot(t, names["z"], ".", ms=2, color=MEASURED, label="encoder")
+    axes[0, 0].set_ylim(-0.02, 0.12)
+    axes[0, 1].set_ylim(-0.5, 0.2)
+    axes[0, 0].legend(frameon=False, loc="lower left")
+    return figure
+
+
+def table_1() -> Any:
+    """Draw a row of Table I of peng2024 as `truejoint study` computes it, beside the paper's."""
+    settings = {"directions": "J2-J3", "fine": "4+5+6", "coarse": "4+5+6"}
+    rows = truejoint.studies.run_study("directions", settings, preset="small").rows
+    mine = rows.set_index(["joint", "method"])["rmse"]
+    file = Path(truejoint.studies.__file__).with_name("paper_tables.csv")
+    paper = pd.read_csv(file, index_col=["source", "table", "condition", "quantity", "method"])
+    paper = paper.sort_index().loc[("peng2024", "I", "direction=J2-J3")]["value"]
+    joints = (("shoulder", "deg"), ("elbow", "deg"), ("insertion", "mm"))
+    methods = ("dnn", "poly2", "linear", "offset")
+    figure, axes = panels(1, 3, 2.8)
+    for k, (axis, (joint, unit)) in enumerate(zip(axes[0], joints, strict=True)):
+        scale, x = (1e3 if unit == "mm" else 180.0 / math.pi), np.arange(len(methods))
+        twins = [scale * mine[joint, method] for method in methods]
+        papers = [paper[f"joint{k + 1}", method] for method in methods]
+        axis.bar(x - 0.2, papers, 0.38, color=OTHER, label="paper")
+        axis.bar(x + 0.2, twins, 0.38, color=CORRECTED, label="simulated robot")
+        axis.set(title=joint, ylabel=f"RMSE [{unit}]", xticks=x, xticklabels=methods)
+    axes[0, 0].legend(frameon=False, loc="upper left")
+    return figure
+
+
+def rezeroed() -> Any:
+    """Draw the elbow's error after another homing, before and after ten seconds of truth."""
+    model = truejoint.calibrate(training(), "linear")
+    arm = twin()
+    arm.home()
+    test = recorded(random_motion(arm.robot, 60.0, seed=9))
+    today = model.at(truejoint.calibration.find_zero(model, test.rows(test.t < test.t[0] + 10.0)))
+    figure, axes = panels()
+    axis, joint = axes[0, 0], list(model.joints).index(ELBOW)
+    t = test.t - test.t[0]
+    for each, colour, label in (
+        (model, MEASURED, "as calibrated"),
+        (today, CORRECTED, "re-zeroed"),
+    ):
+        error = each.correct(test)[:, joint] - test[f"truth/{ELBOW}"]
+        axis.plot(t, np.degrees(error), color=colour, lw=1.2, label=label)
+    axis.axhline(0.0, color=TRUE, lw=0.8, ls=":")
+    axis.axvspan(0.0, 10.0, color="#f3e6dc", zorder=0)
+    axis.text(5.0, 0.7, "truth", ha="center", va="top", color=MEASURED)
+    axis.set(xlabel="time [s]", ylabel="error of the elbow [deg]")
+    axis.legend(frameon=False, loc="lower left", ncols=2, bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
+def steps_in_c() -> Any:
+    """Draw the times of a step in C for three joints, of the table in the results."""
+    text = (PAGES / "results.md").read_text("utf-8")
+    row = re.compile(r"^\| `(\w+)`.* \| [^|]* \| [\d.]+, ([\d.]+) \| [^|]* \|$", re.MULTILINE)
+    times = sorted(((float(us), name) for name, us in row.findall(text)), reverse=True)
+    figure, axes = panels(height=3.2)
+    axis = axes[0, 0]
+    axis.barh([name for _, name in times], [us for us, _ in times], color=CORRECTED)
+    axis.set(xlabel="time of a step in C, three joints [us]")
+    return figure
+
+
 PICTURES: Final[dict[str, Callable[[], Any]]] = {
     "doubt": doubt,
     "history": history,
@@ -218,6 +334,11 @@ PICTURES: Final[dict[str, Callable[[], Any]]] = {
     "jaw_under_load": jaw_under_load,
     "loop": loop,
     "topics": topics,
+    "csv": csv,
+    "pendulum": pendulum,
+    "table_1": table_1,
+    "rezeroed": rezeroed,
+    "steps_in_c": steps_in_c,
 }
 
 

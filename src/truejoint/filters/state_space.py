@@ -64,9 +64,9 @@ class StateSpaceModel:
     """A discrete model x[k] = f(x[k-1], u[k], dt) + w, z[k] = h(x[k], u[k]) + v.
 
     The functions fill `out` and are compiled with ``numba.njit(cache=True, error_model="numpy")``;
-    the options keep them on disk and let a division by zero give infinity. Plain Python functions
-    do for a prototype, and warn: numba compiles them anew each time. The filter
-    survives NaN and infinity with a status. An exception of a function counts as its failure too;
+    the options keep them on disk and let a division by zero give infinity. A function without `out`
+    returns its values. Plain Python functions do for a prototype, and warn: numba compiles them
+    anew each time. The filter survives NaN and infinity with a status. An exception of a function counts as its failure too;
     of one that a compiled function calls, numba prints each, which takes milliseconds.
 
     A model that states what is possible recovers from absurd numbers: it leaves out measurements
@@ -195,12 +195,21 @@ def _compile(
             stacklevel=4,
         )
         function = njit(error_model="numpy")(function)
+    names = "x, u, dt, parameters" if len(arguments) == 4 else "x, u, parameters"
+    code = getattr(trial, "__code__", None)
+    taken = code.co_varnames[: code.co_argcount] if code else ()
     try:
+        if len(taken) == len(arguments) and taken[-1] != "out":
+            function = _filling(function, len(signature.args))
+            trial = function.py_func
         called = _quiet(function, len(signature.args)) if _may_raise(function) else function
         place = address(called, signature)
     except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
         reason = " ".join(str(error).split())[:200]
-        raise FilterError(f"{what}: numba cannot compile it for {signature}: {reason}") from None
+        raise FilterError(
+            f"{what}: numba cannot compile it as f({names}, out), nor as f({names}) that returns: "
+            f"{reason}"
+        ) from None
     out = np.full(shape, _UNWRITTEN if len(shape) == 1 else 0.0)
     try:
         with np.errstate(all="ignore"):
@@ -214,6 +223,20 @@ def _compile(
         element = int(np.flatnonzero(out == _UNWRITTEN)[0])
         raise FilterError(f"{what}: it does not write element {element} of `out`")
     return place, called
+
+
+def _filling(function: Dispatcher, arguments: int) -> Any:
+    """Give a function that fills `out` with what this one returns, as filterpy's do."""
+
+    @njit(error_model="numpy")
+    def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+        out[:] = np.asarray(function(x, u, parameters))
+
+    @njit(error_model="numpy")
+    def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
+        out[:] = np.asarray(function(x, u, dt, parameters))
+
+    return transition if arguments == len(TRANSITION.args) else measurement
 
 
 @lru_cache(maxsize=256)  # of models that differ in their parameters alone, of a fit's every step
