@@ -46,7 +46,7 @@ audit: $(VENV)/.installed-audit ## Look the pinned packages up among known vulne
 	$(BIN)/pip-audit --strict --disable-pip --require-hashes -r requirements.txt
 
 COMPILE := uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11
-# All extras but torch, whose builds differ from machine to machine; its tests skip without it.
+# All extras but torch, whose builds differ from machine to machine, and xarray; tests skip without.
 EXTRAS := $(foreach extra,cluster monitor onnx plots ros ros2 serial urdf,--extra $(extra))
 LOCK := $(COMPILE) pyproject.toml --group build
 lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fits stays)

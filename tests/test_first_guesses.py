@@ -16,7 +16,7 @@ from matplotlib import pyplot as plt
 from tests.filters.linear import linear_model
 from tests.synthetic import build_recording
 from tests.test_examples import _motion
-from tests.test_extras import run
+from tests.test_extras import EXTRAS, run
 
 import truejoint
 from truejoint import Recording, TruejointError
@@ -161,6 +161,15 @@ def test_units_stay_with_frames(names: dict[str, Any]) -> None:
     assert recording["measured/jaw"].any()
 
 
+def test_a_recording_is_an_xarray_with_units(names: dict[str, Any]) -> None:
+    pytest.importorskip("xarray")
+    data = names["recording"].to_xarray()
+    np.testing.assert_array_equal(data["truth"].sel(joint="jaw"), names["recording"]["truth/jaw"])
+    np.testing.assert_array_equal(data["t"], names["recording"].t)
+    assert data["effort"].attrs["units"] == {"jaw": "Nm"}
+    assert data.attrs["source"] == "motion_9.csv"
+
+
 def test_plots_show_what_they_say(names: dict[str, Any]) -> None:
     recording, calibration = names["recording"], names["calibration"]
     (axis,) = recording.plot()
@@ -218,12 +227,26 @@ def test_a_property_that_fails_says_why(monkeypatch: pytest.MonkeyPatch) -> None
         _ = build_recording().duration
 
 
-def test_without_the_extra_a_plot_is_refused_in_a_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("call", "needed"),
+    [
+        (
+            "plot",
+            'a figure needs matplotlib, which is not installed: pip install "truejoint[plots]"',
+        ),
+        (
+            "to_xarray",
+            'to_xarray needs xarray, which is not installed: pip install "truejoint[xarray]"',
+        ),
+    ],
+)
+def test_without_the_extra_a_call_is_refused_in_a_line(
+    call: str, needed: str, tmp_path: Path
+) -> None:
     code = (
         "import truejoint as tj\n"
         "r = tj.Recording.from_columns({'t': [0, 1], 'measured/jaw': [0, 1]}, 'davinci_grasper')\n"
-        "try:\n    r.plot()\nexcept tj.TruejointError as error:\n    print(error)"
+        f"try:\n    r.{call}()\nexcept tj.TruejointError as error:\n    print(error)"
     )
-    said = run(code, cwd=tmp_path)
-    needed = 'a figure needs matplotlib, which is not installed: pip install "truejoint[plots]"'
+    said = run(code, cwd=tmp_path, without=(*EXTRAS, "xarray"))
     assert said.stdout.strip() == needed, said.stderr

@@ -195,7 +195,7 @@ def refuse_copy(instance: object) -> NoReturn:
     """
     raise TypeError(
         f"a {type(instance).__name__} cannot be copied or pickled: it holds addresses of compiled "
-        "functions and views of its own memory; make another from the same model"
+        "functions and views of its memory; make another from the same model"
     )
 
 

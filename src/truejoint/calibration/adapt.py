@@ -41,12 +41,12 @@ def adapted(
 ) -> Calibration:
     """Calibration of another day, tool or arm: a prior, changed as far as recordings say.
 
-    Of less than 50 s, the zero alone: the mean of what the prior leaves. Of more, each joint's
-    coefficients are those of the prior and of a ridge regression of what it leaves on the
-    recordings, whose penalty is chosen on blocks of time that are left out in turn; where these
-    say so, again the zero alone moves. Baselines go the same way. Estimator, features, joints and
-    target are the prior's, and so is what counts as trained; its interval and its baseline of the
-    efforts are left out, as they may not hold. The metadata say so under ``prior``.
+    Less than 50 s move the zero alone: the mean of what the prior leaves. More seconds also move
+    each joint's coefficients, by a ridge regression of what the prior leaves on the recordings. Its
+    penalty is chosen on blocks of time that are left out in turn; where these say so, again the
+    zero alone moves. Baselines go the same way. Estimator, features, joints and target are the
+    prior's, and so is what counts as trained; its interval and its baseline of the efforts are left
+    out, as they may not hold. The metadata say so under ``prior``.
 
     A few seconds see a few places, and what a prior leaves there is also what it has always left
     there: curves and friction that it does not follow. A `reference` tells the two apart.
@@ -59,10 +59,10 @@ def adapted(
     recordings : Recording or sequence of Recording
         With truth, of one arm of the prior's robot.
     reference : Recording or sequence of Recording
-        Those that the prior was made from, or others that it holds for. What it leaves there, mean
-        of the eight rows whose measured positions and efforts are most like those of a new row
-        (each over its standard deviation), is taken off what it leaves in this. It tells most
-        where the new recordings follow the same motion.
+        Those that the prior was made from, or others that it holds for. Its residual there is the
+        mean of the eight rows most like a new row in measured positions and efforts (each over its
+        standard deviation). This residual is taken off that in the new row. It tells most where the
+        new recordings follow the same motion.
 
     Raises
     ------

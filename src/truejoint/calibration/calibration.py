@@ -127,7 +127,7 @@ class Calibration(Summarised):
 
     @cached_property
     def family(self) -> Family:
-        """What runs the estimator."""
+        """Family that runs the estimator."""
         return self.model.family if self._is_learnt else self.fitted.kind
 
     @property
@@ -163,7 +163,7 @@ class Calibration(Summarised):
         return replace(self, training_domain=domain, parity=None, redundant={})
 
     def required_interval(self) -> Interval:
-        """Interval that is stated; raises CalibrationError when there is none."""
+        """Interval that is stated; raises CalibrationError without one."""
         if self.interval is None:
             raise CalibrationError(
                 f"the calibration of {self.title} states no interval; make one of recordings that "
@@ -178,12 +178,12 @@ class Calibration(Summarised):
 
     @cached_property
     def signal_shift(self) -> Array:
-        """What is added to each signal (n_signals,) before anything is made of it."""
+        """Shift that is added to each signal (n_signals,) before anything is made of it."""
         return np.zeros(len(self.signals)) if self.moves is None else self.moves @ self.offset
 
     @cached_property
     def output_shift(self) -> Array:
-        """What is added to the prediction (n_joints,) [rad or m]."""
+        """Shift that is added to the prediction (n_joints,) [rad or m]."""
         by_signals = self.moves is not None and self.target == "position"
         return np.zeros(len(self.joints)) if by_signals else self.offset
 

@@ -471,34 +471,34 @@ class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these, held to the range that it was fitted to (`truejoint.estimators.Stack`). A
+    and judged on these within its training range (`truejoint.estimators.Stack`). A
     joint is given what has the least expected error there: a mean of several (Breiman, Stacked
     regressions, Machine Learning 24, 1996) or one alone; raw position and offset where every
     correction did harm. The fits that serve the choice see six thousand rows; what is chosen is
-    fitted to all. What was tried stands in the metadata under ``choice``.
+    fitted to all. The metadata list what was tried under ``choice``.
 
-    Where no features are asked for, the default ones are tried, every measured position and effort,
-    and these with every motor current or cable, of what all recordings have; then, of three
-    recordings or more whose rows are at most 0.1 s apart, what has a weight once more, with the
-    rates of the measured positions beside.
+    Without features the default ones are tried, every measured position and effort, and these with
+    every motor current or cable that all recordings have; then, of three recordings or more whose
+    rows are at most 0.1 s apart, what has a weight once more, with the rates of the measured
+    positions beside.
 
-    Of three recordings or more the choice judges besides whether, once each that is left out is
-    re-zeroed from its first 2 s, a fit with a zero for each recording is better. It is then kept
-    beside the other, as ``zero="recording"`` of `calibrate` does it; ``zero="shared"`` leaves that
-    out. Parts of one or two cannot tell what each of several signals does that always moved
-    together: there a candidate whose predictions spread twice as widely as the targets, with every
-    signal taken from another time, is not used for that joint.
+    With three recordings or more the choice also judges a fit with a zero for each recording. Each
+    recording that is left out is then re-zeroed from its first 2 s. It is then kept beside the
+    other, as ``zero="recording"`` of `calibrate` does it; ``zero="shared"`` leaves that out. Parts
+    of one or two cannot tell what each of several signals does that always moved together: there a
+    candidate whose predictions spread twice as widely as the targets, with every signal taken from
+    another time, is not used for that joint.
 
     Parameters
     ----------
     candidates : sequence of Regressor
-        What is tried; by default what the registry says. One that takes features of its own is
-        tried where the recordings have them; one that only works offline is not chosen.
+        Candidates; by default those of the registry. One with its own features is tried where the
+        recordings have them; one that only works offline is not chosen.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
     seconds : float
-        Of a processor's time that the choice and the fit may take, about.
+        Processor time that the choice and the fit may take, about.
     tell : callable, optional
         Called with what is done next, in words.
 

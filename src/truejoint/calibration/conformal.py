@@ -63,7 +63,7 @@ def with_interval(
         Probabilities to state. Those that the trajectories are too few for are left out.
     rezero : float
         When above 0, the first `rezero` seconds of truth of every recording set its zero
-        (`find_zero`) and are not scored: the interval then holds after re-zeroing likewise. Where
+        (`find_zero`) and are not scored: the interval then holds after re-zeroing likewise. If
         there is a fit for that (`Calibration.for_rezeroing`), give it in place of the calibration.
     growth : float
         How fast it widens outside the trained range: see `Interval.growth`.
@@ -112,7 +112,7 @@ def _possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
         raise CalibrationError(
             f"{n_units} calibration trajectories are too few for a {100 * wanted[0]:g} % "
             f"interval, which takes {needed_trajectories(wanted[0])}; record more, each after "
-            "a homing of its own if it is to hold after any homing"
+            "another homing if it is to hold after any homing"
         )
     return possible
 
@@ -247,19 +247,19 @@ def cross_interval(
     """Fit as `calibrate` does, with an interval of the same recordings (cross-conformal).
 
     Two to six more fits do without some of the recordings each, and their errors on these make the
-    interval, as those on unseen recordings do in `with_interval`. From ten recordings on (or
+    interval, as those on unseen recordings do in `with_interval`. With ten recordings or more (or
     homings, where the recordings span several) they are the trajectories, copies of one counting
     once. Recordings that come in levels of speed, effort or stated mass are left out by level: a
     fit that remembers loads would else be judged on loads that it knows.
 
     Fewer than ten are cut into fifteen parts or more, five or more each, which are the
-    trajectories. Two recordings (or homings) or more are left out whole all the same, unless one is
+    trajectories. Two recordings (or homings) or more are left out whole, unless one is
     nearly all the time or the fit without it is refused; else a fit does without parts, and a tenth
     of a part on either side. Parts of one recording say nothing of another day, and of n that
     differ no more than n of n + 1 can be promised for the next.
 
-    What is stated is to be expected of more recordings like these, as far as those fits err as the
-    fit of all does. What can be proved (Barber et al., Annals of Statistics 49(1), 2021, theorem 4,
+    Expect the stated share of more recordings like these, as far as those fits err as the
+    fit of all does. The proven share (Barber et al., Annals of Statistics 49(1), 2021, theorem 4,
     for intervals that keep all fits) is 80 % for a stated 90 %.
 
     Parameters

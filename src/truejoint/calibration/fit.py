@@ -66,17 +66,17 @@ def calibrate(
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
 
     Rows without truth, and gross outliers of it, are left out and counted in the metadata as
-    ``rows_without_truth`` and ``outliers``, beside the time that it took, ``fit_seconds``. Of a row
-    with an outlier, the baselines and the network are still fitted to the other joints.
+    ``rows_without_truth`` and ``outliers``, beside the time that it took, ``fit_seconds``. The
+    baselines and the network are still fitted to the other joints of a row with an outlier.
 
     Parameters
     ----------
     recordings : Recording or sequence of Recording
-        Of one arm, all with the same units.
+        Recordings of one arm, all with the same units.
     estimator : str, Regressor or Automatic
-        A name in `estimator_names`, or an unfitted estimator with parameters of its own: one of
+        A name in `estimator_names`, or an unfitted estimator with its own parameters: one of
         ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`. ``auto``,
-        or `Automatic`: what is best on recordings that are left out in turn. That is the default.
+        or `Automatic`: what is best on recordings that are left out in turn. This is the default.
     features : FeatureSet or iterable of str, optional
         Inputs of the model; measured position and effort of every channel by default, or those
         that the estimator was made for.
@@ -97,7 +97,7 @@ def calibrate(
         Whether the recordings share one zero, as they do by default; of what was chosen
         automatically, one for each recording is kept beside where it is better: see `Automatic`.
         With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
-        measured position for each recording: that of a linear model on the same features. That fit
+        measured position for each recording: that of a linear model on the same features. This fit
         (`Calibration.for_rezeroing`) is for motions that begin with re-zeroing and useless without,
         as all that differs between recordings has gone into the zeros.
     progress : callable, optional
@@ -198,7 +198,7 @@ def _assembled(
 
 
 def _check_zero(zero: ZeroOf | None, recordings: Sequence[Recording]) -> None:
-    """Raise CalibrationError for another `zero`, or one recording with a zero of its own."""
+    """Raise CalibrationError for another `zero`, or one recording with a separate zero."""
     if zero not in (None, *get_args(ZeroOf)):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
     if zero == "recording" and len(recordings) < 2:

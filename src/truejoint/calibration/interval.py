@@ -23,9 +23,9 @@ MAX_LEVELS: Final = 16
 class Interval:
     """Conformal half-widths with whole trajectories as the exchangeable unit.
 
-    For a trajectory drawn like those that the interval was made of, a sample picked at random
-    lies within ``corrected +- half_width`` with at least the stated probability, averaged over
-    such trajectories, joint by joint (hierarchical conformal prediction, Lee, Barber and Willett,
+    Draw a trajectory like those that the interval was made of, and pick a sample at random. It lies
+    within ``corrected +- half_width`` with at least the stated probability, averaged over such
+    trajectories, joint by joint (hierarchical conformal prediction, Lee, Barber and Willett,
     arXiv:2306.06342). One trajectory may lie inside altogether and another half outside.
 
     Attributes
@@ -33,10 +33,10 @@ class Interval:
     levels : ndarray, shape (n_levels,)
         Stated probabilities, ascending; only those that the trajectories were enough for.
     half_widths : ndarray, shape (n_levels, n_joints)
-        Of the corrected position within the trained range [rad or m].
+        Half-width of the corrected position within the trained range [rad or m].
     offset_half_widths : ndarray, shape (n_levels, n_joints)
-        Of the fixed offset on the same trajectories [rad or m]; they do not grow outside the
-        trained range.
+        Half-width of the fixed offset on the same trajectories [rad or m]; they do not grow outside
+        the trained range.
     growth : float
         A sample whose features lie outside their training ranges by at most a share s of the
         range has the half-width ``(1 + growth * s) * half_width``.
@@ -75,8 +75,8 @@ class Interval:
     def any_homing(self) -> bool:
         """Whether homings were what was drawn, so that it holds after others without a re-zeroing.
 
-        Of fewer homings than a level takes, their recordings' parts are; what a further homing adds
-        is not among them.
+        With fewer homings than a level takes, the parts of their recordings count, without what a
+        further homing adds.
         """
         return self.homings > 1 and not self.cut and self.rezero == 0.0
 
@@ -101,7 +101,7 @@ class Interval:
 
     @property
     def meaning(self) -> str:
-        """What the interval is for, and what it promises, in one sentence for a person."""
+        """Purpose and promise of the interval, in one sentence for a person."""
         if self.rezero > 0.0:
             what = (
                 f"for motions that begin with re-zeroing from {self.rezero:g} s of truth "

@@ -29,11 +29,11 @@ def motor_zero(
     Parameters
     ----------
     calibration : Calibration
-        Of any estimator that reads ``cable/reset``.
+        Calibration of any estimator that reads ``cable/reset``.
     recording : Recording
         Whole cycles about zero after the homing, without a load.
     by : Calibration, optional
-        Of ``ukf_friction``, made of the same motion; `calibration` itself by default.
+        Calibration of ``ukf_friction``, made of the same motion; `calibration` itself by default.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def motor_zero(
         )
     if calibration.for_rezeroing.moves is not None:
         raise CalibrationError(
-            "the calibration has zeros of its own already; give the one that calibrate wrote"
+            "the calibration has its own zeros already; give the one that calibrate wrote"
         )
     rows = by.rows(recording)
     found = find_encoder_zero(model, rows.X, rows.dt)

@@ -36,7 +36,7 @@ class Rows:
     X : ndarray, shape (n, k)
         Features.
     signal_shift : ndarray, shape (n_signals,), optional
-        What was added to the signals before `X` was computed, each in its unit.
+        Shift that was added to the signals before `X` was computed, each in its unit.
     outlier : ndarray of bool, shape (n, n_joints), optional
         Values of the truth that no fit uses.
     hidden : ndarray of bool, shape (n,), optional
@@ -44,7 +44,7 @@ class Rows:
     stride : int
         A fit uses every `stride`-th row with truth.
     zero : ndarray, shape (n_joints,), optional
-        What is taken off the truth [rad or m].
+        Zero that is taken off the truth [rad or m].
 
     Examples
     --------

@@ -33,7 +33,7 @@ _MOST_ROUNDS: Final = 20  # of moving the inputs of a model until its output fit
 
 @dataclass(frozen=True, eq=False)
 class Zero:
-    """Where the zero of a calibration is, and how that is known; `Calibration.at` takes it.
+    """Zero of a calibration, and how it was found; `Calibration.at` takes it.
 
     Attributes
     ----------
@@ -52,11 +52,11 @@ class Zero:
     rows : int
         Readings of the truth.
     duration : float
-        From the first to the last of them [s].
+        Time from the first to the last of them [s].
     baselines : mapping of str to ndarray, shape (n_joints,)
         Offset of each baseline [rad or m]; those that are not named move by `shift`.
     moves : ndarray, shape (n_signals, n_joints), optional
-        Signals that the zero belongs to, where it is none of the output: see `Calibration.moves`.
+        Signals that the zero belongs to, if it is not one of the output: see `Calibration.moves`.
     details : mapping
         JSON values for people.
 
@@ -108,14 +108,13 @@ def find_zero(
     """Zero of a calibration by the truth in a recording, however little there is of it.
 
     The offset is the median of truth minus corrected position or, where it moves the measured
-    positions, what brings that to nothing. Where the calibration looks at the past, a reading
-    weighs as much as the joint was in motion before it, up to 5 s: how friction stood before a
-    recording is not known.
+    positions, what brings that to nothing. If the calibration looks at the past, a reading weighs
+    as much as the joint was in motion before it, up to 5 s: how friction stood before a recording
+    is not known.
 
     Errors of a model resemble each other over seconds of motion, so a brief truth knows less than
-    its number of readings suggests, and a rest no more than one of them; and the model knows
-    nothing of the time before it. So the deviation is no less than what beginnings of the training
-    with as much motion show.
+    its readings suggest, and a rest counts as one; and the model knows nothing of the time before
+    it. So the deviation is no less than what beginnings of the training with as much motion show.
 
     Parameters
     ----------

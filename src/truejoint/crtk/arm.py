@@ -42,10 +42,10 @@ class Arm:
 
     Positions are in rad and m, in the order of ``arm.robot.joints``. Every command is checked
     against state and limits before it reaches the robot, and refused with a reason; a refused
-    command changes nothing. Positions relative are relative to the latest set-point. Moves run in
-    a thread of their own and return a `Motion`; whatever the arm is doing, `pause` stops it from
-    any thread within 20 ms and the time that it needs to brake. Left by an exception, or by the end
-    of the program, the arm is paused.
+    command changes nothing. Positions relative are relative to the latest set-point. Moves run in a
+    separate thread and return a `Motion`; meanwhile  `pause` stops it from any
+    thread within 20 ms and the time that it needs to brake. Left by an exception, or by the end of
+    the program, the arm is paused.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class Arm:
     def pause(self, timeout: float | None = None) -> None:
         """Brake and stand, from any thread and whatever the arm is doing; a motion ends with it.
 
-        The set-point comes to rest within `BRAKING`. From a subscriber, it takes effect when
+        The set-point comes to rest within `BRAKING`. Called by a subscriber, it takes effect when
         the subscriber returns.
         """
         self.state_command("pause", timeout)
@@ -284,9 +284,9 @@ class Arm:
         """Go to `goal` (n_joints,) [rad or m] along a straight line.
 
         All joints arrive together (`planning.TimeLaw`), none faster than `speed` (n_joints,) [rad/s
-        or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s for a prismatic one and 10
-        deg/s for the others. Raises CommandRefused as `servo_jp`, or if a speed is not positive or
-        above the joint's top speed.
+        or m/s]; by default 3 deg/s for positioning joints, 10 mm/s for prismatic and 10 deg/s for
+        other ones. Raises CommandRefused as `servo_jp`, or if a speed is not positive or above the
+        joint's top speed.
         """
         target = blocks.checked_vector(self.robot, goal, "move_jp")
         return self._move(target[None], speed, "move_jp")

@@ -20,7 +20,7 @@ class Motion:
     command : str
         Name of the command, for instance ``"move_jp"``.
     duration : float
-        From rest to rest [s], on the robot's clock.
+        Time from rest to rest [s], on the robot's clock.
     elapsed : float
         How much of it has been sent to the robot [s].
     over : threading.Event

@@ -26,9 +26,9 @@ class TimeLaw:
 
     The moving average makes acceleration bounded: wherever the lines keep a speed v, the law
     keeps it too, and its acceleration stays below 2 v / BLEND, reached where a joint turns back.
-    It never leaves the convex hull of the knots, starts and ends at rest on the first and
-    last one, and cuts a corner by at most v BLEND / 4 per joint. The average is taken in closed
-    form, so that any stretch of a law of hours can be computed alone.
+    It starts and ends at rest on the outer knots, stays in the hull of all, and cuts
+    a corner by at most v BLEND / 4 per joint. The average is taken in closed form, so that any
+    stretch of a law of hours can be computed alone.
 
     Attributes
     ----------

@@ -26,8 +26,8 @@ class Backend(Protocol):
     """A robot arm that executes what an `Arm` has already checked.
 
     Calls block until the robot has done what they ask, in the robot's own time: a simulation
-    returns as soon as it is computed, a real arm when it is over. Everything the arm measures
-    while homed reaches the connected listener as blocks, in time order, none longer than
+    returns as soon as it is computed, a real arm when it is over. While the arm is homed, its
+    measurements reach the connected listener as blocks in time order, none longer than
     `BLOCK_DURATION`; a back end with threads delivers them one at a time.
 
     ``pause`` and ``disable`` may come from another thread while a call blocks; `state_command` and
@@ -74,7 +74,7 @@ class Backend(Protocol):
         """Carry out a state command; returns once the robot reports the new state.
 
         Raises CommandRefused, saying why, if the robot does not get there within `timeout` [s] of
-        its own clock.
+        its clock.
         """
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:

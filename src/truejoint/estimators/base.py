@@ -48,7 +48,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     Attributes
     ----------
     arrays_ : dict of str to ndarray
-        What was learnt, float64, by the names of `Family.shapes`; each is also an attribute, with
+        Learnt arrays, float64, by the names of `Family.shapes`; each is also an attribute, with
         an underscore behind its name.
 
     Examples
@@ -170,10 +170,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
         """Fitted copy, changed as far as new rows say, and how stiffly (n_outputs,) it was held.
 
-        Coefficients and intercept are those of this model and a ridge regression of what it leaves
-        on the rows `X` (n, k), `y` (n, n_outputs), NaN where unknown, with `dt` (n,) as for `fit`;
+        A ridge regression of this model's residuals on the rows moves its coefficients and
+        intercept. `X` is (n, k), `y` (n, n_outputs), NaN where unknown, and `dt` (n,) as for `fit`;
         see `truejoint.estimators.polynomial.learn.changes`. Raises CalibrationError if the rows are
-        too few, or the estimator is none whose coefficients can be changed so.
+        too few, or the estimator's coefficients cannot be changed so.
         """
         raise CalibrationError(
             f"{self.name} cannot be the prior of a calibration: it has no coefficients that a few "

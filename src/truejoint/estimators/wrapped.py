@@ -36,7 +36,7 @@ _FAMILY: Final = Family(
 
 
 class Regressor(Protocol):
-    """What scikit-learn's regressors have, and those of other packages that keep to it."""
+    """Interface of scikit-learn's regressors, and of those of other packages that keep to it."""
 
     def fit(self, X: Any, y: Any, /) -> Any:
         """Fit to rows `X` (n, k) and targets `y` (n,) or (n, n_outputs)."""
@@ -49,10 +49,10 @@ class Regressor(Protocol):
 class WrappedRegressor(JointRegressor):
     """A regressor of scikit-learn, or of another package that keeps to its interface.
 
-    It is fitted to targets less their mean, over their standard deviation, so that a parameter such
-    as the `epsilon` of `sklearn.svm.SVR` means the same for a joint in rad and one in m. One that
-    predicts a single output is fitted to each joint alone. What it has learnt becomes arrays of a
-    family of ours where one computes the same (linear models, trees, forests, boosted trees,
+    It is fitted to targets less their mean, over their standard deviation. A parameter therefore
+    such as the `epsilon` of `sklearn.svm.SVR` means the same for a joint in rad and one in m. One
+    that predicts a single output is fitted to each joint alone. Its learnt values become arrays of
+    a family of ours if one computes the same (linear models, trees, forests, boosted trees,
     logistic networks, each also behind a scaler), and then runs in the loop and in C. Anything else
     is run by scikit-learn, on recordings only, and cannot be written to a model file.
 

@@ -67,9 +67,9 @@ def evaluate(
 ) -> Evaluation:
     """Accuracy of calibrations on test recordings, per joint, per recording and of the tool.
 
-    Raw positions, the fixed offset, the linear and the polynomial model are always in the
-    table, the latter three as fitted on the training rows of the chosen calibration. Models see
-    whole recordings, so their history is right; only rows with truth are judged. The recordings
+    Raw positions, the fixed offset, the linear and the polynomial model are always in the table.
+    The latter three are fitted on the training rows of the chosen calibration. Models see whole
+    recordings, so their history is right; only rows with truth are judged. The recordings
     themselves are checked (`check_data`), and judged row by row as the loop would.
 
     Parameters
@@ -86,11 +86,11 @@ def evaluate(
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
     rezero : float
         When above 0, the first `rezero` seconds of truth of every recording set the zero of every
-        model and baseline, and are not judged: the accuracy of motions that begin so. Where a
-        calibration has a fit for that, it is the one that is judged. The raw position stays as
-        it comes; a calibration that is the raw position goes by ``raw, re-zeroed`` then.
+        model and baseline, and are not judged: the accuracy of motions that begin so. If a
+        calibration has a fit for that, this one is judged. The raw position stays unchanged; a
+        calibration that is the raw position goes by ``raw, re-zeroed`` then.
     check : DataCheck, optional
-        Of these recordings, where it was made already; a check that failed is a doubt.
+        Data check of these recordings, where it was made already; a check that failed is a doubt.
 
     Raises
     ------

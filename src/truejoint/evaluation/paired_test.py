@@ -93,10 +93,10 @@ def compare(errors: Sequence[Array], other: Sequence[Array], least: float = 1.0)
 
     The loss differential of Diebold and Mariano (1995), Comparing predictive accuracy, J. Bus.
     Econ. Stat. 13. Recordings are cut into about 16, 8 and 5 equal stretches (`_COUNTS`), fewer
-    where one would be shorter than `_TIMES` integrated correlation times, and Student's t is taken
-    over their means (Ibragimov and Mueller, 2010, t-statistic based correlation and heterogeneity
-    robust inference, J. Bus. Econ. Stat. 28); the widest interval counts. A recording that is
-    shorter is one stretch.
+    where one would be shorter than `_TIMES` integrated correlation times. Student's t is taken over
+    their means (Ibragimov and Mueller, 2010, t-statistic based correlation and heterogeneity robust
+    inference, J. Bus. Econ. Stat. 28); the widest interval counts. A recording that is shorter is
+    one stretch.
 
     Parameters
     ----------

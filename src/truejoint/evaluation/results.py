@@ -66,7 +66,7 @@ def estimator_title(name: str) -> str:
 
 @dataclass(frozen=True)
 class Domain:
-    """What the corrector of the loop says of the test's rows, whatever the homing.
+    """Verdict of the loop's corrector on the test's rows, whatever the homing.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class JointVerdict:
     ----------
     joint, unit : str
     rmse, limit : float
-        Where no limit is `stated`, it is the RMSE of the estimator `against`.
+        If no limit is `stated`, it is the RMSE of the estimator `against`.
     stated, passed : bool
     against : str
         Empty where the limit is stated.
@@ -136,7 +136,7 @@ class Verdict:
     doubts : tuple of str
         Why a pass has reservations, for instance rows unlike the training.
     remarks : tuple of str
-        What a reader should know though it changes nothing.
+        Notes for a reader that change nothing.
     deploy, advice : str
         Estimator of the table that belongs on the robot, empty where that cannot be told, and the
         sentence that says so: see `advise`. Both are empty where the test cannot be believed.
@@ -178,7 +178,7 @@ def each(frame: DataFrame) -> Iterator[Any]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Summarised):
-    """What is known about the accuracy of a calibration on recordings that it never saw.
+    """Accuracy of a calibration on recordings that it never saw.
 
     Tables are frames in SI units.
 
@@ -192,14 +192,14 @@ class Evaluation(Summarised):
         The one that the verdict is about, and all in the table: raw, offset, linear, poly2, then
         the others; the order of `scores`.
     baseline_notes : mapping of str to str
-        What is to be known about a baseline that is missing or weak.
+        Notes on a baseline that is missing or weak.
     errors : DataFrame
         The frame of errors: estimated minus true position [rad or m] in each row of the test that
-        has truth, by estimator (of its first seed) and joint. Where the kinematics are known, also
-        of the tool in the base frame: `AXES`, and their distance `TOOL` [m]. The index names
+        has truth, by estimator (of its first seed) and joint. If the kinematics are known, also of
+        the tool in the base frame: `AXES`, and their distance `TOOL` [m]. The index names
         recordings.
     rows : DataFrame
-        What else is known of these rows, by quantity and joint: ``"truth"``, ``"measured"``,
+        Further columns of these rows, by quantity and joint: ``"truth"``, ``"measured"``,
         ``"velocity"`` and ``"direction"`` (of the measured position, smoothed over 0.1 s; -1, 0 for
         standing, 1), ``"effort"`` of joints that have one in every recording, ``"lower"`` and
         ``"upper"`` bounds of the stated interval (NaN in rows that it says nothing of, absent
@@ -225,7 +225,7 @@ class Evaluation(Summarised):
         Time of truth [s] that every recording was re-zeroed from; 0: judged as they come.
     verdict : Verdict
     check, domain : DataCheck, Domain
-        Of the test's recordings.
+        Data check of the test's recordings.
     comparisons : DataFrame
         The chosen model's first seed beside every other ``"estimator"`` in each ``"joint"``: the
         ``"outcome"`` of its mean squared error at 95 % (``"better"``, ``"worse"``, ``"cannot be
@@ -238,12 +238,12 @@ class Evaluation(Summarised):
         ``"half_width"`` (mean over samples), ``"offset_half_width"`` (of the fixed offset's
         interval, made of the same recordings), ``"shares"`` (of each trajectory), ``"unit"``.
     interval_trajectories : tuple of str
-        What the shares are of: recordings, or all recordings after one homing.
+        Meaning of the shares: recordings, or all recordings after one homing.
     interval_level : float
         Level of the bounds in `rows`; NaN without an interval.
     interval_note, interval_objections : str, tuple of str
-        What the interval is for, or that there is none; on which recordings of the test it is not
-        judged, and why.
+        Purpose of the interval, or a word that the model has no interval; on which recordings of
+        the test it is not judged, and why.
     training, test : mapping, tuple of mapping
         JSON values that the chosen model says about its training, and of each recording of the
         test its ``"name"``, made unique, ``"rows"`` with truth of ``"rows_total"``, and provenance.
@@ -306,7 +306,7 @@ class Evaluation(Summarised):
     def score(self, estimator: str, joint: str) -> Any:
         """Give the row of `scores` of an estimator and a joint, its columns as attributes.
 
-        Raises CalibrationError if there is none.
+        Raises CalibrationError for others.
 
         Examples
         --------

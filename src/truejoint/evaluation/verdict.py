@@ -66,8 +66,8 @@ def judge(
         Largest RMSE [rad or m] that the user accepts, by joint. A joint without one must beat
         the raw position and the fixed offset, and no simpler model may beat it.
     comparisons : DataFrame, optional
-        Of the chosen model with others, see `Evaluation.comparisons`; where there is none, the RMSE
-        alone decides.
+        Comparisons of the chosen model with others, see `Evaluation.comparisons`; without any, the
+        RMSE alone decides.
     advice : Advice, optional
         Which estimator belongs on the robot: see `advise`.
     objections, doubts : sequence of str
@@ -292,7 +292,7 @@ class Advice:
         Estimator whose error exceeds that of no other one by more than `MARGIN`; empty where that
         is certain of none.
     rivals : tuple of str
-        Where it is, estimators that may be the best, the one with the smallest error first.
+        If it is, estimators that may be the best, the one with the smallest error first.
     stretches : int
         Fewest stretches of all recordings together that two estimators were compared over.
     text : str
@@ -320,11 +320,11 @@ def advise(
 ) -> Advice:
     """Say which estimator to deploy, by the one rule that report, command line and JSON share.
 
-    An estimator may be deployed when its mean squared error exceeds that of no other one by more
-    than that of a `MARGIN` of the RMSE, each at 95 % (`compare`), over all recordings together or
-    in each by itself: where one shows a larger difference than another, that is no doubt of
-    either. A stretch holds a motion to and fro at least, and fewer than four tell nothing. Of
-    several such estimators a `plain` one goes first, then the `chosen` one, then the closest.
+    An estimator may be deployed when no other one has a smaller mean squared error by more than
+    that of a `MARGIN` of the RMSE; each at 95 % (`compare`), over all recordings together or in
+    each by itself: where one shows a larger difference than another, that is no doubt of either. A
+    stretch holds a motion to and fro at least, and fewer than four tell nothing. Among several such
+    estimators a `plain` one goes first, then the `chosen` one, then the closest.
 
     Counted are the rows that the loop would correct (all, where there are none), each by its error
     as a multiple of the fixed offset's in that joint.

@@ -104,7 +104,7 @@ def export_c(
     prefix : str, optional
         Begins every name in the source and every file's; by default `default_prefix`.
     precision : {"double", "float"}
-        Of the arithmetic; time stamps are double in either.
+        Precision of the arithmetic; time stamps are double in either.
     level, range_margin : float
     on_fault : {"hold", "raw", "silent"} or OnFault
         As `truejoint.runtime.Corrector` takes them.
@@ -408,7 +408,7 @@ def export_ros(
     ----------
     calibration : Calibration
     folder : path-like
-        Of the package; made if it does not exist.
+        Folder of the package; made if it does not exist.
     prefix, precision, overwrite, **how
         As `export_c` takes them.
 

@@ -40,7 +40,7 @@ def export_onnx(
 ) -> Path:
     """Write the regressor of a calibration as an ONNX graph; it checks no input and keeps no state.
 
-    The output ``position`` (rows, n_joints) [rad or m] is what `Calibration.correct` gives. Where
+    The output ``position`` (rows, n_joints) [rad or m] is what `Calibration.correct` gives. If
     every feature is the plain value of a signal, the input is ``sample`` (rows, n_signals): the
     values of `Calibration.signals`. Otherwise the caller computes the features: the inputs are
     ``features`` (rows, n_features) and, where the model predicts the error of the measured
@@ -52,7 +52,7 @@ def export_onnx(
     path : path-like
         File to write, usually ``.onnx``; its folder is made if it does not exist.
     precision : {"double", "float"}
-        Of inputs, weights and output.
+        Precision of inputs, weights and output.
     overwrite : bool
         Whether a file at `path` may be replaced.
 

@@ -129,7 +129,7 @@ class Feature:
     def parse(cls, text: str) -> Feature:
         """Feature of its text, for instance ``"lag(measured/jaw, 3)"``, the inverse of `str`.
 
-        Raises CalibrationError if the text is none of the known forms.
+        Raises CalibrationError if the text has another form.
         """
         text = text.strip()
         call = _CALL.fullmatch(text)

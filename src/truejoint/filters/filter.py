@@ -22,7 +22,7 @@ from truejoint.layout import Memory, refuse_copy
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FilterState:
-    """Where a filter stands between two steps; `UnscentedFilter.step` changes it in place.
+    """State of a filter between two steps; `UnscentedFilter.step` changes it in place.
 
     The arrays are views of one block of memory: copy what you want to keep.
 
@@ -65,7 +65,7 @@ class FilterState:
 
 
 class FilterResult(NamedTuple):
-    """What a filter made of a record of N rows.
+    """States that a filter estimated over a record of N rows.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class UnscentedFilter:
     Parameters
     ----------
     model : StateSpaceModel
-        What is filtered.
+        Model that is filtered.
     sigma_points : ScaledSigmaPoints
         How far the points stand out and what they weigh.
     gate : float, optional
@@ -233,10 +233,10 @@ class UnscentedFilter:
     ) -> int:
         """Advance a state by one sample, in place and allocating nothing; bits of `FilterStatus`.
 
-        `state` is from this filter's `initial_state`, `z` (m,) the measurement, NaN where missing,
-        `u` (inputs,) the control input over the step, None for a model without, and `dt` the time
-        since the last step [s]; 0 only corrects. Raises FilterError if the state is another
-        filter's or a length is wrong; never for what the numbers hold.
+        `state` is from this filter's `initial_state`, and `z` (m,) the measurement, NaN where
+        missing. `u` (inputs,) is the control input over the step, None for a model without, and
+        `dt` the time since the last step [s]; 0 only corrects. Raises FilterError if the state is
+        another filter's or a length is wrong; never for what the numbers hold.
         """
         if state.owner is not self:
             raise FilterError("state: belongs to another filter; use this one's initial_state")

@@ -66,8 +66,9 @@ class StateSpaceModel:
     The functions fill `out` and are compiled with ``numba.njit(cache=True, error_model="numpy")``;
     the options keep them on disk and let a division by zero give infinity. A function without `out`
     returns its values. Plain Python functions do for a prototype, and warn: numba compiles them
-    anew each time. The filter survives NaN and infinity with a status. An exception of a function counts as its failure too;
-    of one that a compiled function calls, numba prints each, which takes milliseconds.
+    anew each time. The filter survives NaN and infinity with a status. An exception of a function
+    counts as its failure too; of one that a compiled function calls, numba prints each, which takes
+    milliseconds.
 
     A model that states what is possible recovers from absurd numbers: it leaves out measurements
     and inputs that are not, and starts anew from the prior where the state or a time step is not.
@@ -197,7 +198,7 @@ def _compile(
         function = njit(error_model="numpy")(function)
     names = "x, u, dt, parameters" if len(arguments) == 4 else "x, u, parameters"
     code = getattr(trial, "__code__", None)
-    taken = code.co_varnames[: code.co_argcount] if code else ()
+    taken: tuple[str, ...] = code.co_varnames[: code.co_argcount] if code else ()
     try:
         if len(taken) == len(arguments) and taken[-1] != "out":
             function = _filling(function, len(signature.args))

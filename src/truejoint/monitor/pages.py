@@ -77,21 +77,21 @@ class _Pictures:
 class ArmPage(_Pictures):
     """A page in the browser that shows an arm while it works.
 
-    It takes what the arm reports from a subscription that only keeps it, corrects every sample in a
-    thread of its own and shows 25 pictures a second, drawn by a process of their own: reported,
-    corrected and true pose, positions, corrections with their interval, efforts, and how evenly
-    messages come. Its buttons pause and resume the arm. It listens on this computer alone, and
-    loads nothing from elsewhere.
+    It takes the arm's reports from a subscription that only keeps them, and corrects every sample
+    in another thread. A second process draws 25 pictures a second: reported, corrected and true
+    pose, positions, corrections with their interval, efforts, and how evenly messages come. Its
+    buttons pause and resume the arm. It listens on this computer alone, and loads nothing from
+    elsewhere.
 
     Parameters
     ----------
     arm : Arm
         Any; it may be used and moved meanwhile as ever.
     calibration : Calibration, optional
-        Of this arm.
+        Calibration of this arm.
     host : str
-        Where the page listens. Beyond loopback its address holds a token, without which nobody
-        opens it, and it offers to pause the arm alone.
+        Address at which the page listens. Beyond loopback its address holds a token, without which
+        nobody opens it, and it offers to pause the arm alone.
     port : int
         0 for any that is free.
     remote_control : bool
@@ -100,7 +100,7 @@ class ArmPage(_Pictures):
     Attributes
     ----------
     url : str
-        Where the page is.
+        Address of the page.
 
     Raises
     ------
@@ -206,14 +206,14 @@ class RecordingPage(_Pictures):
     ----------
     recording : Recording
     calibration : Calibration, optional
-        Of the arm that was recorded.
+        Calibration of the recorded arm.
     host, port
         As those of `ArmPage`.
 
     Attributes
     ----------
     url : str
-        Where the page is.
+        Address of the page.
 
     Raises
     ------

@@ -48,11 +48,11 @@ def zigzag(
     of the workspace: a box whose joint ranges are, as shares of the workspace's (eq. 5),
     1/sqrt(3) for a joint that moves alone, sqrt(2/3) for two that move together and 1 for three.
 
-    A rigid turn of the unit cube (eq. 1 and 2) meets this exactly for one and two joints, but no
+    A rigid turn of the unit cube (eq. 1 and 2) meets this exactly for one and two joints. But no
     rotation has equal extents of sqrt(3) along three axes, and scaling the turned cube to range 1
-    (eq. 3) covers more volume than the other directions do. So for three joints the box is the
-    one nearest to a cube that has range 1 and the common volume, both exactly; its edges are
-    1.3 % longer than the cube's and stand at 98.8 deg.
+    (eq. 3) covers more volume than the other directions do. So for three joints the box is the one
+    nearest to a cube that has range 1 and the common volume, both exactly; its edges are 1.3 %
+    longer than the cube's and stand at 98.8 deg.
 
     Parameters
     ----------
@@ -64,10 +64,10 @@ def zigzag(
         Distance between neighbouring strokes as a share of the box, in [1/50, 1]. The box is
         divided evenly, so that 1/sparsity is rounded to the nearest whole number: 0.33 is 1/3.
     workspace : Workspace, optional
-        Where to move; by default `workspace_of(robot)`.
+        Workspace to move in; by default `workspace_of(robot)`.
     published : bool
-        Take the box of J1-J2-J3 that the laboratory's generator makes, the unit cube turned by 45
-        deg about three axes and stretched to range 1, which covers a third more volume
+        Take the box of J1-J2-J3 that the laboratory's generator makes, a unit cube turned by 45 deg
+        about three axes and stretched, with a third more volume
         (uw-biorobotics/raven2_CRTK_Python_controller:traj_generator/run_snake_generator.py). The
         other directions are the same either way.
 
@@ -134,7 +134,7 @@ def random_motion(
         take one second, then in proportion to that rest, down to a last crawl (uw-biorobotics/
         raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py).
     workspace : Workspace, optional
-        Where to move; by default `workspace_of(robot)`.
+        Workspace to move in; by default `workspace_of(robot)`.
 
     Raises
     ------
@@ -171,21 +171,20 @@ def nested_motion(
 ) -> Trajectory:
     """Loops of three sizes, one inside the other, of a robot with one joint.
 
-    The joint goes over its whole workspace, with loops of a quarter of that in its lower, middle
-    and upper part, and one of less than a tenth in each of these: friction and hysteresis depend on
-    how far back a joint last turned, and on the tension there, which one amplitude does not show.
-    Every swing is half a period of a cosine with the same peak speed; the motion starts at the
-    centre.
+    The joint goes over its whole workspace. Loops of a quarter of that lie in its lower, middle and
+    upper part, and one of less than a tenth in each of these: friction and hysteresis depend on how
+    far back a joint last turned, and on the tension there, which one amplitude does not show. Every
+    swing is half a period of a cosine with the same peak speed; the motion starts at the centre.
 
     Parameters
     ----------
     robot : Robot
     duration : float
-        Of the whole, 10 s to an hour.
+        Duration of the whole, 10 s to an hour.
     rate : float
         Points per second [Hz], 1 to 1000.
     workspace : Workspace, optional
-        Where to move; by default `workspace_of(robot)`.
+        Workspace to move in; by default `workspace_of(robot)`.
 
     Raises
     ------

@@ -34,12 +34,12 @@ def designed_motion(
 ) -> Trajectory:
     """Motion that lowers the expected error of a calibration fastest, within ranges and speeds.
 
-    Of random straight lines from where the joints are, the one is followed after which a linear
-    model of the error (positions, and friction by the direction and the speed of each joint) is
-    expected to be off least over the whole workspace, for the time that it takes; and so on from
-    its end. Expected are both what noise does to the coefficients and what curves of the error that
-    a linear model does not know do to them where the motion is uneven (Box and Draper, A basis for
-    the selection of a response surface design, Journal of the American Statistical Association 54,
+    Among random straight lines the joints follow the best one. After it a linear model of the error
+    (positions, and friction by the direction and the speed of each joint) is expected to be off
+    least over the whole workspace, for the time that it takes; and so on from its end. The
+    expectation holds the effect of noise on the coefficients. It also holds that of curves of the
+    error, which a linear model lacks, where the motion is uneven (Box and Draper, A basis for the
+    selection of a response surface design, Journal of the American Statistical Association 54,
     1959). A longer motion begins with the shorter one of the same seed, but for its last line:
     whenever it is stopped, it was designed for the time that it had.
 
@@ -49,10 +49,10 @@ def designed_motion(
     duration : float
         10 s to a day [s].
     seed : int
-        Of the lines that are compared.
+        Number of lines that are compared.
     workspace : Workspace, optional
-        Where to move, on every line with one joint at a speed between those of a random motion;
-        by default `workspace_of(robot)`.
+        Workspace to move in, on every line with one joint at a speed between those of a random
+        motion; by default `workspace_of(robot)`.
 
     Raises
     ------

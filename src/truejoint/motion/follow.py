@@ -36,17 +36,17 @@ class TrackingReport:
     Attributes
     ----------
     name : str
-        Of the trajectory.
+        Title of the trajectory.
     joints, units : tuple of str
         The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
     rms, max : ndarray, shape (n_joints,)
-        Of set-point minus measured position [rad or m]; `max` is of the absolute value. Of joints
-        that were steered, of wanted minus corrected position at the steps of the loop that know
-        it. Pauses do not count.
+        Error of set-point minus measured position [rad or m]; `max` is of the absolute value. Error
+        of joints that were steered: of wanted minus corrected position at the steps of the loop
+        that know it. Pauses do not count.
     max_speed : ndarray, shape (n_joints,)
         Highest speed as measured, mean over 0.1 s [rad/s or m/s].
     duration : float
-        From rest to rest, without the way to the start [s].
+        Time from rest to rest, without the way to the start [s].
 
     Examples
     --------

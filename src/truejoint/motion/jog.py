@@ -23,10 +23,10 @@ _DAMPING: Final = 1e-3  # of the inverse of the Jacobian: near a singular pose j
 
 
 class Jog:
-    """Moves an arm at velocities that are told while it moves, from entering to leaving.
+    """Moves an arm at velocities that change while it moves, from entering to leaving.
 
     A velocity holds until the next one. Speeds are kept below the caps, the change of speed below
-    that which reaches a cap in 0.1 s, and a joint comes to rest before its limit. What is asked
+    that which reaches a cap in 0.1 s, and a joint comes to rest before its limit. A new velocity
     takes effect within the arm's grain, 10 ms. The arm must run in real time (`PacedBackend`, a
     robot).
 
@@ -73,7 +73,7 @@ class Jog:
     def tool(self, twist: ArrayLike) -> None:
         """Go on at a twist (6,) of the tool [m/s, rad/s] in the frame of the CRTK topics.
 
-        Where a joint would be faster than its cap all are slowed, so that the direction is kept.
+        If a joint would be faster than its cap, all are slowed, so that the direction is kept.
         Raises RobotError if the robot's kinematics are not known.
         """
         kinematics = self.arm.robot.known_kinematics("jog")

@@ -26,7 +26,7 @@ def plot_trajectory(
 ) -> None:
     """Draw a trajectory of three joints, in deg and mm, from its start (dark) to its end (bright).
 
-    Of more than 20 000 points every n-th is drawn.
+    With more than 20 000 points every n-th is drawn.
 
     Parameters
     ----------

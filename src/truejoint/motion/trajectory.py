@@ -37,7 +37,7 @@ class Trajectory:
         Strictly increasing [s]; None for a path without a time law.
     name : str
     meta : mapping
-        Where it comes from: plain values that JSON can hold.
+        Origin: plain values that JSON can hold.
 
     Raises
     ------

@@ -71,11 +71,11 @@ class Decimator:
 class Recorder:
     """Records an arm from entering to leaving a ``with`` block.
 
-    The state is thinned out to `state_rate` as it arrives, so memory grows by about 10 kB per
-    second of motion whatever the arm's own rate, for 12 h at most. With a `path` it is written
-    meanwhile, twice a second of the arm's clock, to ``<name>.unfinished.stream``, which any command
-    reads. There it stays if the block is left by an exception or by Ctrl-C, if the program is
-    killed, or where `path` cannot be written at the end; no whole recording is replaced.
+    The state is thinned out to `state_rate` as it arrives. Memory grows by about 10 kB per second
+    of motion at any rate of the arm, for 12 h at most. With a `path` it is written meanwhile, twice
+    a second of the arm's clock, to ``<name>.unfinished.stream``, which any command reads. There it
+    stays if the block is left by an exception or by Ctrl-C, if the program is killed, or where
+    `path` cannot be written at the end; no whole recording is replaced.
 
     Parameters
     ----------
@@ -92,7 +92,8 @@ class Recorder:
     overwrite : bool
         Whether a file at `path` may be replaced by a whole recording.
     homing_id : str, optional
-        What the positions count from; by default the arm's own name of its homing.
+        Name of the homing from which the positions count; by default the arm's own name of its
+        homing.
     session, command : str
     load : float
         Mass hung on the tool [kg]. All for the provenance.

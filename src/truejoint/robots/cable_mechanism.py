@@ -115,7 +115,7 @@ class CableMechanism:
         if len(matrix) != len(self.pins) or np.linalg.matrix_rank(matrix) < len(matrix):
             raise RobotError(
                 f"the coupling of {len(self.motors)} motors to {len(self.pins)} joints cannot be "
-                "inverted; each joint needs a motor of its own, and cables that turn it"
+                "inverted; each joint needs a separate motor, and cables that turn it"
             )
 
     def _fault(self, cable: Cable) -> str:

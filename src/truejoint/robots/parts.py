@@ -108,7 +108,7 @@ class Transmission:
         if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
             raise RobotError(
                 f"transmission matrix of shape {shape} must be square, finite and "
-                "invertible: each joint needs a motor of its own"
+                "invertible: each joint needs a separate motor"
             )
         if self.gear and not (len(self.gear) == len(matrix) and min(self.gear) > 0):
             raise RobotError(

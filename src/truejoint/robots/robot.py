@@ -215,7 +215,7 @@ class Robot(Summarised):
     Raises
     ------
     RobotError
-        If a name stands twice, a joint has no channel, a positioning joint is none of the joints,
+        If a name stands twice, a joint has no channel, a positioning joint is not among the joints,
         the transmission is for another number of joints, or the workspace is beyond the limits.
 
     Examples
@@ -395,7 +395,7 @@ class Robot(Summarised):
         return self.kinematics
 
     def joint(self, name: str) -> Joint:
-        """Return the joint called `name`; raises RobotError when there is none."""
+        """Return the joint called `name`; raises RobotError for another name."""
         return self.joints[self.index([name])[0]]
 
     def index(self, names: Sequence[str]) -> list[int]:

@@ -35,7 +35,7 @@ class JointCheck:
 
     @property
     def holds(self) -> bool | None:
-        """Whether at least half of the readings lie inside the interval; None when there is none.
+        """Whether at least half of the readings lie inside the interval; None without one.
 
         Readings of one brief motion resemble each other, so that their share inside is far from
         the stated level by chance alone; most of them outside is what rarely happens by chance:
@@ -46,7 +46,7 @@ class JointCheck:
 
 @dataclass(frozen=True)
 class CalibrationCheck:
-    """What `check_calibration` found.
+    """Result of `check_calibration`.
 
     Attributes
     ----------
@@ -54,13 +54,13 @@ class CalibrationCheck:
     rows : int
         Readings of the truth.
     duration : float
-        From the first to the last of them [s].
+        Time from the first to the last of them [s].
     level : float
-        Of the interval.
+        Level of the interval.
     alarm : Alarm
         Highest that the monitor raised along the recording; NONE where it has no effort baseline.
     reasons : Reason
-        Of all its alarms.
+        Advice of all its alarms.
 
     Examples
     --------
@@ -77,12 +77,12 @@ class CalibrationCheck:
 
     @property
     def holds(self) -> bool | None:
-        """Whether the interval holds in every joint; None when there is none."""
+        """Whether the interval holds in every joint; None without one."""
         verdicts = [joint.holds for joint in self.joints]
         return None if None in verdicts else all(verdicts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, SI units; what is not known is None."""
+        """Plain values for JSON, SI units; None stands for what is not known."""
         judged = {
             "joints": [vars(joint) | {"holds": joint.holds} for joint in self.joints],
             "holds": self.holds, "alarm": self.alarm.name.lower(),

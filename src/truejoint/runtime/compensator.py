@@ -89,15 +89,14 @@ class Compensator:
     ``setpoint = wanted + lag d(wanted)/dt - lost + gain e + (integral of e) / integral_time``,
     where ``e = wanted - corrected`` and `lost` is the corrected less the measured position,
     low-passed. Neither can wind up at a limit: `lost` follows what the motor did rather than what
-    it was told, and the integral waits where a limit holds the set-point back. Where the
-    corrector's status is not OK both are held, and nothing is fed back; before it first was, the
-    set-points go as far as what is wanted goes. Where a joint is wanted to stand still, they go on
-    slowly.
+    it was told, and the integral waits where a limit holds the set-point back. If the corrector's
+    status is not OK both are held, and nothing is fed back; before it first was, the set-points go
+    as far as what is wanted goes. If a joint is to stand still, they continue slowly.
 
-    Where fewer than half of the steps of about a second were OK, a low-pass of one second, the loop
-    falls back: nothing is fed back, `lost` stays as it was last learnt, and the integral fades
-    within seconds. Signals that stand still with a joint that shall do so do not count. Once three
-    quarters are OK it feeds back again.
+    If fewer than half of the steps were OK, by a low-pass of one second, the loop falls back:
+    nothing is fed back, `lost` stays as it was last learnt, and the integral fades within seconds.
+    Signals that stand still with a joint that shall do so do not count. Once three quarters are OK
+    it feeds back again.
 
     By default the loop is slow, and makes up for what changes slowly: errors of cables, and what
     friction and load keep a motor from its set-point. An estimator that knows the joint within
@@ -107,11 +106,11 @@ class Compensator:
     ----------
     corrector : Corrector, optional
         None for a loop around the motors, which keeps what they report to where they shall be: it
-        makes up for friction and the robot's own controller, and knows nothing of cables. The
-        homing is told to the corrector. Its signals hold no set-point, which this one writes: make
-        it of ``calibration.without_redundant()``.
+        makes up for friction and the robot's own controller, and knows nothing of cables. Tell the
+        corrector the homing. Its signals hold no set-point, which this one writes: make it of
+        ``calibration.without_redundant()``.
     robot : Robot
-        Whose limits of position and speed the set-points keep.
+        Robot whose limits of position and speed the set-points keep.
     rate : float
         Steps per second [Hz].
     lag : float
@@ -121,7 +120,7 @@ class Compensator:
         Share of the remaining error that is added to the set-point: 0 or more, and at most half of
         `lag` / `time_constant` around a corrector, or it moves so fast that it sees spikes.
     time_constant : float
-        Of the low-pass [s].
+        Time constant of the low-pass [s].
     integral_time : float
         In which a remaining error is made up for [s]; infinite for none. With it, the first
         set-point is that which the arm has.
@@ -129,7 +128,7 @@ class Compensator:
         Error [rad or m] that is let be where a joint is wanted to stand still: friction would make
         the loop hunt for the rest of it.
     believed : Status
-        Bits with which a sample is corrected all the same, where the estimator is known to hold:
+        Bits with which a sample is corrected nevertheless, where the estimator is known to hold:
         ``Status.OUT_OF_DOMAIN | Status.IMPLAUSIBLE`` for one that knows loads that it never saw.
 
     Attributes
@@ -139,11 +138,11 @@ class Compensator:
     lost : ndarray, shape (n_joints,)
         True less measured position, as it is made up for [rad or m].
     measured : list of int
-        Where the joints' measured positions stand in a sample.
+        Places of the joints' measured positions in a sample.
     is_limited : ndarray of int, shape (n_joints,)
         1 where a limit of position or speed held the set-point back at the last step.
     status : Status
-        Of the last sample.
+        Status of the last sample.
     statuses : Counter of Status
         How many steps had each status.
 
@@ -334,8 +333,8 @@ class Compensator:
         are (n_corrected,) [rad or m]: to be copied.
 
         Raises CommandRefused if the rate does not divide the arm's, or the arm does not report a
-        signal; on the way, if a set-point stands at the end of its joint's range for 0.2 s, or if
-        the loop falls back for 2 s more than half of the time between, which is logged once.
+        signal; on the way, if a set-point stands at the end of its joint's range for 0.2 s; or if
+        the loop falls back for more than half of 2 s, which is logged once.
         """
         period = arm.rate / self.rate
         if round(period) < 1 or abs(period - round(period)) > 1e-9 * period:

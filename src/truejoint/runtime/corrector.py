@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CorrectionTrace:
-    """What a corrector gave for each row of a recording.
+    """Output of a corrector for each row of a recording.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Corrector(Summarised):
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.
     on_fault : {"hold", "raw", "silent"} or OnFault
-        What `position` is where the status is not OK. By default the corrector holds the correction
+        Value of `position` where the status is not OK. The default holds the correction
         that it believed last for 1 s. Then it takes the correction back at 2 deg/s and 2 mm/s. It
         goes to the next correction that it believes at the same speed.
 
@@ -97,28 +97,28 @@ class Corrector(Summarised):
     made_for : tuple of str
         Robot and arm that the model is of.
     on_fault : OnFault
-        What `position` is where the status is not OK.
+        Value of `position` where the status is not OK.
     joints, signals : tuple of str
-        What comes out, and the columns that a sample must hold, in order: those of the model, then
-        those that are redundant to the measured positions.
+        Joints that come out, and the columns that a sample must hold, in order: those of the model,
+        then those that are redundant to the measured positions.
     position : ndarray, shape (n_joints,)
         Corrected position; where the status is not OK, as `on_fault` says [rad or m]. NaN where
         the status is WRONG_SIZE.
     half_width : ndarray, shape (n_joints,)
         How far off `position` may be [rad or m]; infinite where that is not known.
     correction : ndarray, shape (n_joints,)
-        What the model says for this sample [rad or m], whatever the status; NaN where the sample
-        was not used. Without the offset of `rezero`.
+        Position that the model gives for this sample [rad or m], whatever the status; NaN where the
+        sample was not used. Without the offset of `rezero`.
     features : ndarray, shape (k,)
         Features of the last sample that was used.
     offset : ndarray, shape (n_joints,)
         Given to `rezero` [rad or m].
     beside : mapping of str to ndarray, shape (2,)
-        What else the model tells, and its half-width at `level`, of the last sample that was used:
-        of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm], of ``ukf_elastic``
-        and ``hybrid`` ``"torque"`` at the jaw [Nm], where recordings had ``truth_effort/jaw`` (its
-        half-width is the filter's, too wide with trees), of ``ukf_cables`` and ``hybrid_cables``
-        ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm]; of a mean what its members tell.
+        Further estimates of the model, and its half-width at `level`, of the last sample that was
+        used: ``"load"`` of ``ukf_friction``, the torque on the jaw from outside [Nm]; ``"torque"``
+        of ``ukf_elastic`` and ``hybrid`` at the jaw [Nm], where recordings had ``truth_effort/jaw``
+        (its half-width is the filter's, too wide with trees); ``"grip"``, ``"tip_first"`` and
+        ``"tip_second"`` [Nm] of ``ukf_cables`` and ``hybrid_cables``; those of a mean's members.
 
     Raises
     ------
@@ -269,7 +269,7 @@ class Corrector(Summarised):
     def acknowledge(self) -> None:
         """Say that the zero is right after all: ends ZERO_SUSPECT.
 
-        What the redundant signals say at the next sample counts as right from then on.
+        The redundant signals of the next sample count as right from then on.
         """
         with self._commands:
             acknowledge(self._numbers, self._memory)
@@ -281,8 +281,8 @@ class Corrector(Summarised):
     def run(self, recording: Recording) -> CorrectionTrace:
         """Correct a whole recording as the loop would, from a fresh start, homed as it was told.
 
-        Raises RecordingError if it is none or lacks a signal, and CalibrationError while another
-        thread has the corrector.
+        Raises RecordingError if this is no recording or lacks a signal, and CalibrationError while
+        another thread has the corrector.
         """
         as_recorded(recording)
         if not self._take():

@@ -28,7 +28,7 @@ HOLD, RAW, SILENT = range(3)
 
 @dataclass(frozen=True)
 class OnFault:
-    """What a corrector puts out for a sample that it does not believe.
+    """Output of a corrector for a sample that it does not believe.
 
     Attributes
     ----------

@@ -99,7 +99,7 @@ _RECALIBRATE: Final = np.array([6.0, 3.0, 0.5, math.inf])
 
 
 class Alarm(IntEnum):
-    """What is advised.
+    """Advice.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class Alarm(IntEnum):
 
 
 class Reason(IntFlag):
-    """What an alarm is about.
+    """Subject of an alarm.
 
     Examples
     --------
@@ -162,7 +162,7 @@ class Monitor:
     ----------
     alarm : Alarm
     reasons : Reason
-        Of the measures that are above their threshold.
+        Reasons of the measures that are above their threshold.
     measures : ndarray, shape (4,)
         Shift and change of friction of the worst joint, as shares of their limits; share of samples
         far outside the trained range; working time as a share of `working_time`.
@@ -225,7 +225,7 @@ class Monitor:
 
     @property
     def alarm(self) -> Alarm:
-        """What is advised after the last sample."""
+        """Advice after the last sample."""
         return Alarm(int(self._levels.max()))
 
     @property

@@ -35,7 +35,7 @@ class Status(IntFlag):
 
     @property
     def words(self) -> str:
-        """What each bit means, for a person; empty for OK."""
+        """Meaning of each bit, for a person; empty for OK."""
         return "; ".join(_MEANINGS[bit] for bit in self)
 
 

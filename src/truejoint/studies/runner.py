@@ -114,8 +114,8 @@ def run_study(
     preset : {"full", "small"}
     seed : int
     folder : str or Path, optional
-        Where parts are kept, in ``parts/``, as they are done, and taken from when the study is run
-        again with the same sources; nothing is kept by default.
+        Folder in which parts are kept, in ``parts/``, as they are done, and taken from when the
+        study is run again with the same sources; nothing is kept by default.
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
         must stand behind ``if __name__ == "__main__":``.

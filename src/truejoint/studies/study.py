@@ -62,7 +62,7 @@ class Part:
     compute : callable
         Pure function of a module, which another process can import: rows, or a `PartResult`.
     arguments : mapping
-        What it is called with, JSON values: everything, seeds included, that its result depends on.
+        Arguments, JSON values: everything, seeds included, that its result depends on.
     labels : mapping
         Columns that its rows get, such as the specimen; the result does not depend on them.
 
@@ -81,15 +81,15 @@ class Part:
 
 @dataclass(frozen=True)
 class Option:
-    """What a user may set of one study, beside preset and seed.
+    """Setting of one study, beside preset and seed.
 
     Attributes
     ----------
     name, meaning : str
         The name ends in a unit where it is not SI.
     default, small : int, float, str or tuple of them
-        Its kind is the kind of every value; a tuple is not empty. The preset ``small`` may have a
-        default of its own.
+        Its kind is the kind of every value; a tuple is not empty. The preset ``small`` may have
+        another default.
     positive : bool
         Whether it must be above 0.
 
@@ -208,7 +208,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper states, whether it `holds` here (None: cannot be told), and what was `found`.
+    """Statement of a paper, whether it `holds` here (None: cannot be told), and what was `found`.
 
     ``"more"``: it holds, and more strongly than it is stated. `on` names what it was judged on,
     where that is one of several. A `flaw` is stated of the paper's own method or robot: where it
@@ -241,7 +241,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Statement:
-    """What a paper states, before it is judged: `judge` turns what was found into verdict and text.
+    """Statement of a paper, before `judge` turns what was found into verdict and text.
 
     `flaw` is as for a `Claim`.
 
@@ -266,7 +266,7 @@ class Statement:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study makes of its parts: tables, claims, and by file name figures.
+    """Summary of a study's parts: tables, claims, and by file name figures.
 
     Examples
     --------
@@ -286,14 +286,14 @@ class Study:
     Attributes
     ----------
     name : str
-        What a user types.
+        Name that a user types.
     title : str
         One line on what it asks.
     source : str
         Paper and table or figure that it repeats; empty for one of ours.
     module : str
-        Where ``parts(settings)``, a sequence of `Part`, and ``summarise(results)``, a `Summary` of
-        `Results`, are defined; ``"module:name"`` where these are ``name_parts`` and
+        Module in which ``parts(settings)``, a sequence of `Part`, and ``summarise(results)``, a
+        `Summary` of `Results`, are defined; ``"module:name"`` where these are ``name_parts`` and
         ``name_summary``, as in a module of several studies.
     options : tuple of Option
 

@@ -39,7 +39,7 @@ _COMMENTS: Final = {
     "calliper_mm": "Measure the print here with a calliper and enter measured_mm = ... below.",
     "rotation": "Where it stands in the robot's base.",
     "references_mm": "Dimples that are bolted down on their own.",
-    "points_mm": "Where the tip rests in each dimple, in the block's frame.",
+    "points_mm": "Place at which the tip rests in each dimple, in the block's frame.",
     "covariance": "Of a turn about the block's axes [rad] and a shift along the base's [m].",
 }
 _LARGEST: Final = 10.0  # coordinate [m]
@@ -70,13 +70,13 @@ class Block:
     robot : str
         For whose size it was designed.
     points : mapping of str to ndarray, shape (3,)
-        Where the tip rests in each dimple, by the number beside it, as designed [m].
+        Place at which the tip rests in each dimple, by the number beside it, as designed [m].
     calliper : float
         Length to measure, between two faces, as designed [m].
     measured : float
         The same by a calliper [m]; NaN until somebody measures it.
     rotation, translation : ndarray, shape (3, 3) and (3,)
-        Where it is meant to stand in the robot's base [m], within a hand's breadth.
+        Planned place in the robot's base [m], within a hand's breadth.
     references : mapping of str to ndarray, shape (3,)
         Dimples that are bolted down on their own, and show whether the block moves [m]: in its
         frame, within 20 mm, and in a `BlockPose` as they were found.
@@ -156,23 +156,23 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class BlockPose:
-    """Where a bolted block stands in a robot's base.
+    """Pose of a bolted block in a robot's base.
 
     Attributes
     ----------
     block : Block
     robot, arm : str
-        Whose base it is.
+        Robot whose base it is.
     rotation : ndarray, shape (3, 3)
-        Of the block in the base.
+        Rotation of the block in the base.
     translation : ndarray, shape (3,)
-        Of its origin [m].
+        Place of its origin [m].
     covariance : ndarray, shape (6, 6)
-        Of a turn about the block's axes [rad] and a shift along the base's [m].
+        Covariance of a turn about the block's axes [rad] and a shift along the base's [m].
     scale, scale_sd : float
         How much larger the print is than its design, and the standard deviation of that.
     joint_sd : ndarray, shape (n_joints,)
-        What the calibration leaves of each joint it corrects, by the touches that found the pose
+        Error that the calibration leaves of each joint, by the touches that found the pose
         [rad or m]; empty if they did not show it.
     date : str
         When the pose was found, as ISO 8601.
@@ -301,7 +301,7 @@ class BlockShape:
     reached : ndarray of bool, shape (n_x, n_y)
         Which cells carry a dimple: those that the robot's workspace reaches.
     rotation, translation : ndarray, shape (3, 3) and (3,)
-        Where the block is to stand in the robot's base [m].
+        Planned place of the block in the robot's base [m].
 
     Examples
     --------

@@ -339,8 +339,8 @@ def zero_by_touch(
     """Zero of a calibration by touches, for `Calibration.at`, and the fit that it is of.
 
     An offset of each joint is fitted to touches of a block whose pose is known, with its own
-    uncertainty. What the calibration leaves of each joint, by the touches of the pose, counts by
-    what it does to the tip. The baselines move by the same offset.
+    uncertainty. Errors that the calibration leaves of each joint, by the touches of the pose, count
+    by their effect on the tip. The baselines move by the same offset.
 
     Raises
     ------
@@ -477,7 +477,7 @@ def fewest_touches(prior: Calibration | None) -> int:
 
 @dataclass(frozen=True, eq=False)
 class TouchReport:
-    """What a fit of touches found: statement, metadata and page of a calibration are made of it.
+    """Result of a fit of touches: statement, metadata and page of a calibration are made of it.
 
     Attributes
     ----------
@@ -613,7 +613,7 @@ class TouchReport:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What a calibration keeps of it, as JSON values."""
+        """Values that a calibration keeps of it, for JSON."""
         state, rows = self.fit.state, self.fit.rows
         left_out = [self.touches.dimple[i] for i in np.flatnonzero(self.fit.left_out)]
         return {
@@ -634,7 +634,7 @@ def calibrate_by_touch(
 ) -> tuple[Calibration, TouchReport]:  # fmt: skip
     """Fit joints and a block's pose together to touches of its dimples.
 
-    Of each positioning joint a constant, slopes and squares of all of them, and plays of its own:
+    Each positioning joint gets a constant, slopes and squares of all of them, and its plays:
     with three joints 39 numbers. The tip is then right in the block's frame, and joints as far as
     `TouchReport.not_seen` leaves them. The prior of the terms is the one under which the touches
     are likeliest, among wide ones and those that an older calibration gives.

@@ -131,7 +131,7 @@ class Touched(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """What a person knows of a tracker beside a robot, as its file has it (docs/tracker.md).
+    """A tracker beside a robot, as its file describes it (docs/tracker.md).
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Registration:
     touched : tuple of Touched
         Points of the base that the tracker has seen.
     touched_sd : float, optional
-        Of these, per axis [m].
+        Deviation of these, per axis [m].
 
     Raises
     ------
@@ -227,7 +227,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registered(Summarised):
-    """Where a tracker stands, what it sees, and how sure that is.
+    """Pose and marker of a tracker, and how sure they are.
 
     Attributes
     ----------
@@ -243,15 +243,15 @@ class Registered(Summarised):
     marker_sd : ndarray, shape (3,)
         [m].
     clock : ClockOffset
-        What to add to the tracker's stamps to have the robot's; its delay is part of it.
+        Time to add to the tracker's stamps to have the robot's; its delay is part of it.
     noise : float
         Standard deviation per axis of the points about the fit [m].
     joints : tuple of str
-        Whose truth was found.
+        Joints whose truth was found.
     noise_deviation : ndarray, shape (n_joints,)
-        What that noise makes of a single truth, root mean square over the motion [rad or m].
+        Effect of that noise on a single truth, root mean square over the motion [rad or m].
     pose_deviation : ndarray, shape (n_joints,)
-        What all truths may be off by together, as the transforms are known no better [rad or m].
+        Common error of all truths, as the transforms are known no better [rad or m].
     readings, strays : int
         Readings that fit, and those that were left out one by one as they do not.
     stretches : tuple of Stretch
@@ -316,7 +316,7 @@ def tracked_truth(
 
     The delay is estimated coarsely as in `join_truth`, by the path of the tool in any frame. Then
     the tracker's pose, the marker's place, the delay and corrections of the joints (zero, slopes
-    and squares in all of them, two plays of its own) are fitted together. Readings further off
+    and squares in all of them, two plays each) are fitted together. Readings further off
     than 4.5 deviations are dropped as outliers. So is a whole stretch of time in which most are
     outliers: there the tracker took another marker for this one. The truth of each inlier is the
     position of the joints that puts the marker there.
@@ -327,12 +327,12 @@ def tracked_truth(
         Without a truth.
     track : Track
     registration : Registration, optional
-        What is known of the tracker.
+        Registration of the tracker.
     joints : sequence of str
         Up to three; by default the first of those that mainly place the tool.
     offset, near : float, optional
-        Of the clocks [s], as in `join_truth`. Where both have the time of day, as in one bag, and
-        cover the same time, it is near 0 unless stated.
+        Offset of the clocks [s], as in `join_truth`. If both have the time of day, as in one bag,
+        and cover the same time, it is near 0 unless stated.
 
     Returns
     -------

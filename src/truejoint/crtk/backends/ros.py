@@ -59,7 +59,7 @@ class RosBackend:
     Parameters
     ----------
     transport : Transport
-        From `truejoint.crtk.open_transport`.
+        Transport that `truejoint.crtk.open_transport` gives.
     robot : Robot
         The arm that the topics are of.
     profile : str

@@ -222,8 +222,8 @@ def simulated_arm(
 ) -> Arm:
     """Arm on a digital twin; disabled and not homed, as a robot that was just switched on.
 
-    Parameters, and what is raised, are those of `truejoint.simulation.make_twin`. An arm on a
-    twin of one's own making is ``Arm(SimulatedBackend(twin))``.
+    Parameters, and what is raised, are those of `truejoint.simulation.make_twin`. An arm on a twin
+    of yours is ``Arm(SimulatedBackend(twin))``.
 
     Examples
     --------

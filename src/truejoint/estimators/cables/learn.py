@@ -284,7 +284,7 @@ class CableFilter(JointRegressor):
     channels : tuple of str
         Names of the motors, in the mechanism's order.
     mechanism : CableMechanism, optional
-        What the cables are; by default that of the robot that was recorded.
+        Mechanism of the cables; by default that of the recorded robot.
 
     Examples
     --------
@@ -304,12 +304,11 @@ class CableFilter(JointRegressor):
 
     @property
     def identified(self) -> dict[str, tuple[float, float, str]]:
-        """What was identified of the instrument, by name: value, standard deviation, unit.
+        """Identified values of the instrument, by name: value, standard deviation, unit.
 
         A deviation is by how much the value changes without each of the six signals (angles and
-        efforts), and without each recording, since a model that is not quite true errs alike all
-        along. Dead bands of the loads follow from the pins' friction: a load within its dead band
-        may stay unseen.
+        efforts), and without each recording. Dead bands of the loads follow from the pins'
+        friction: a load within its dead band may stay unseen.
         """
         rows = zip(SOUGHT.items(), self.arrays_["identified"].tolist(), strict=True)
         quantities = {name: (*pair, unit) for (name, (unit, *_)), pair in rows}
@@ -416,8 +415,8 @@ class CableHybrid(CableFilter):
     Plays see the joints and loads that the filter estimates, friction of the pins, motors and
     efforts. They tell the joints, which the filter's model of the cables leaves off by some
     hundredths of a degree, and the loads. Half-widths are the filter's own, times what makes them
-    as large as errors on blocks of the calibration that the plays did not see. What it needs is
-    what the filter needs.
+    as large as errors on blocks of the calibration that the plays did not see. It needs the same as
+    the filter.
 
     Examples
     --------

@@ -37,7 +37,7 @@ _JITTER: Final = 1e-10  # of the mean of a diagonal, which rounding may take fro
 
 @dataclass(eq=False, repr=False)
 class GaussianProcess(JointRegressor):
-    """Gaussian process with a squared-exponential kernel of its own for each output.
+    """Gaussian process with a squared-exponential kernel for each output.
 
     Lengths of the features, variance and noise are those of the largest marginal likelihood of
     rows that are evenly spread. These rows are the inducing points, too, by which the process is
@@ -45,10 +45,10 @@ class GaussianProcess(JointRegressor):
     Learning Research 6, 2005, IV). Mahler et al. (CASE 2014) calibrate a RAVEN-II by a Gaussian
     process. Far from what it was fitted to, it predicts the mean: it does not extrapolate.
 
-    Where `dt` tells of several histories, each has a zero of its own, by which its targets are off
-    and which nothing in the features shows: a nuisance whose variance is found with the rest, and
-    which is not predicted (Rasmussen and Williams, 2006, 2.7, with an indicator of each history as
-    basis). Without it, the lengths come out short, to explain what is of the recording.
+    If `dt` holds several histories, each has a separate zero, which shifts its targets and
+    which no feature shows: a nuisance whose variance is found with the rest, and which is not
+    predicted (Rasmussen and Williams, 2006, 2.7, with an indicator of each history as basis).
+    Without it, the lengths come out short, to explain what is of the recording.
 
     Parameters
     ----------

@@ -88,8 +88,8 @@ class FrictionFilter(MechanismEstimator):
     stiffness_error : float
         Share by which a load may be off since they are not known better.
     largest_load : float
-        What no load exceeds [Nm]; the drive cable is slack from its pretension times ``r`` on. An
-        angle under more than that is not believed.
+        Bound that no load exceeds [Nm]; the drive cable is slack from its pretension times ``r``
+        on. An angle under more than that is not believed.
     stretch_drift : float
         How fast a load may stretch the drive cable [m per square root of a second].
     friction_drift : float
@@ -284,9 +284,9 @@ def find_encoder_zero(
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
     Unloaded, motor and reset cable move together as in calibration, and homing keeps the motor's
-    zero: what they differ by on average is the reset side's. Friction that is not as in calibration
-    shifts the way there and the way back apart, and their mean by up to about half of that, which
-    is the deviation (12 virtual forceps, four motions each: 0.0 to 2.2 of it).
+    zero: what they differ by on average is the reset side's. Another friction than in calibration
+    shifts the two ways apart. It shifts their mean by up to about half of that, which is the
+    deviation (12 virtual forceps, four motions each: 0.0 to 2.2 of it).
 
     Parameters
     ----------
@@ -362,8 +362,8 @@ def identify_stiffness(
     X : array_like, shape (n, 2)
         Records in which weights hang: motor angle [rad] and ``x2`` [m].
     torque : array_like, shape (n,)
-        Of the weight that hangs freely in a row [Nm], positive where it opens the jaw; NaN in rows
-        where none does.
+        Torque of the weight that hangs freely in a row [Nm], positive where it opens the jaw; NaN
+        in rows where none does.
     dt : array_like, shape (n,), optional
         Time since the row before [s], 0 where a record starts; rows 5 ms apart by default.
 

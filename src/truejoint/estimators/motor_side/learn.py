@@ -56,8 +56,8 @@ class ElasticJointFilter(JointRegressor):
     below a thousandth of the torque.
 
     Learnt: widths, responses, and how large and how lasting the unexplained friction is. Each
-    recording that it learns from is taken to have one load throughout, and not all the same. The
-    jaw's torque is a third response, told beside the angle, where `fit` is given it as `loads`
+    recording that it learns from is taken to have one load throughout, and the loads must differ.
+    The jaw's torque is a third response, told beside the angle, where `fit` is given it as `loads`
     (n, 1) [Nm]: by `calibrate`, recordings that have ``truth_effort/jaw``.
 
     Parameters
@@ -346,10 +346,10 @@ class ElasticJointHybrid(ElasticJointFilter):
     """`ElasticJointFilter`, and boosted trees that learn what it leaves.
 
     They see plays and low-passes of driver and torque, and what the filter estimates besides, its
-    friction and load included. Each split may ask for a few of these alone, drawn at random, as in
-    a random forest (Breiman, Machine Learning 45, 2001), since the load by itself would tell the
-    recordings apart. What it needs is what the filter needs; loads, and all deviations that
-    `estimate` gives, are the filter's own.
+    friction and load included. Each split may ask for a few of these, drawn at random as in a
+    random forest (Breiman, Machine Learning 45, 2001), since the load by itself would tell the
+    recordings apart. It needs the same as the filter; loads, and all deviations that `estimate`
+    gives, are the filter's own.
 
     Examples
     --------

@@ -43,7 +43,7 @@ class NeuralNetwork(JointRegressor):
     """Fully connected network with logistic hidden units and linear outputs: peng2024, IV-B.
 
     Minimises Keras' loss, mean squared error plus `weight_decay` times the sum of the squared
-    weights, by Adam from Keras' default start, on features and targets standardised by the
+    weights, by Adam from Keras' default start. Features and targets are standardised by the
     training rows. Trains in float32, predicts in float64.
 
     Parameters
@@ -53,10 +53,10 @@ class NeuralNetwork(JointRegressor):
     weight_decay : float
         Factor of the L2 penalty on the weights in the sense of Keras; biases are free.
     learning_rate : float
-        Of Adam, with decay rates 0.9 and 0.999.
+        Rate of Adam, with decay rates 0.9 and 0.999.
     batch_size : int
-        Rows of a batch. Where there are fewer rows than eight such batches, a batch is an eighth of
-        the rows, yet at least 32, so that few rows still get 1600 steps in 200 epochs.
+        Rows of a batch. If there are fewer rows than eight such batches, a batch is an eighth of
+        the rows, yet at least 32.
     epochs : int
         Passes over the rows.
     random_state : int, RandomState or None
@@ -432,14 +432,14 @@ class GRU(SequenceNetwork):
     Parameters
     ----------
     units : int
-        Of the state.
+        Size of the state.
     period : float
         Time between updates of the state [s]; where rows are further apart, each updates it.
     weight_decay : float
         Factor of the sum of the squared weights over the number of rows, beside the logarithm of
         the mean squared error: it means the same for any number of rows, and for any noise.
     learning_rate : float
-        Of Adam at the start, with decay rates 0.9 and 0.999; it falls linearly to 0.
+        Rate of Adam at the start, with decay rates 0.9 and 0.999; it falls linearly to 0.
     window : int
         Updates through which an error is propagated back.
     batch_size : int
@@ -484,7 +484,7 @@ class GRU(SequenceNetwork):
 class TCN(SequenceNetwork):
     """Dilated causal convolutions that learn the residuals of a linear regression.
 
-    Each layer sees what the one before gave now and twice as long ago as that saw, so that the last
+    Each layer sees the output of the one before now and twice as long ago as that saw. The last
     of n layers sees ``2**n`` updates, and adds its rectified units to it (Bai, Kolter and Koltun,
     arXiv 1803.01271). Park et al. (IEEE RA-L, 2024) calibrate a continuum manipulator by such a
     network. Windows are trained with all that they look back to, by torch.
@@ -492,9 +492,9 @@ class TCN(SequenceNetwork):
     Parameters
     ----------
     layers : int
-        That look back.
+        Layers that look back.
     units : int
-        Of each layer.
+        Units of each layer.
     period : float
         Time between the rows that it sees [s]; where rows are further apart, it sees each.
     weight_decay, learning_rate, window, batch_size, epochs, random_state

@@ -70,10 +70,10 @@ class Plays(JointRegressor):
     chosen for a robot or a unit. A ridge regression on the features, plays and low-passes, and on
     their products with the features (the width of a loop grows with load), is learnt first; where
     these would be more than 600, only features are multiplied by features.
-    Where joints are coupled, plays of all their positions together stand
+    If joints are coupled, plays of all their positions together stand
     in place of the plays of each feature: the cables of one joint pull at the others, as in a
     wrist. Stiffness and friction are found first, see
-    `truejoint.estimators.plays.learn.identify_coupling`. Where capstans turn, what errs once in
+    `truejoint.estimators.plays.learn.identify_coupling`. If capstans turn, what errs once in
     each turn of one, as an eccentric one does, is seen by the cosine and sine of its angle.
 
     Parameters
@@ -95,8 +95,8 @@ class Plays(JointRegressor):
         to 0.9, the four smallest of them where capstans turn; where joints are coupled, or for a
         Gaussian process, none.
     time_constants : sequence of float, optional
-        Of the low-passes [s]; by default 0.05, 0.5 and 2, for a Gaussian process 0.1, or none where
-        capstans turn.
+        Time constants of the low-passes [s]; by default 0.05, 0.5 and 2, for a Gaussian process
+        0.1, or none where capstans turn.
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
     random_state : int, optional
@@ -378,7 +378,7 @@ class JawPlays(JawEstimator):
     The reset cable's end follows the jaw but for the slider's friction: from it alone the estimate
     hardly feels a load. The motor's side differs by the jaw's friction and by the load that
     stretches the drive cable: from both sides it is the most accurate of all without a load, and
-    wrong under one. From the motor alone it is what the strategy without
+    wrong under one. With the motor alone it is what the strategy without
     sensors of yan2020, II-B, can reach.
 
     Parameters

@@ -61,10 +61,9 @@ class Polynomial(JointRegressor):
     that the data do not tell apart (a constant channel, two copies of a signal) share the smallest
     coefficients that fit; the intercept stays outside of that.
 
-    A `ridge` regression has the features and products of some of them. For each output by itself, a
-    penalty and how much more products are penalised are those of the least mean square on five
-    parts of the rows that are left out in turn: blocks on end, or, where `dt` tells of fewer than
-    five histories, a block of each.
+    A `ridge` regression has the features and products of some of them. Five parts of the rows, left
+    out in turn, choose for each output a penalty and how much more products are penalised: blocks
+    on end, or, where `dt` tells of fewer than five histories, a block of each.
 
     Parameters
     ----------
@@ -73,12 +72,12 @@ class Polynomial(JointRegressor):
     ridge : bool
         Whether it is a ridge regression, which alone knows the other parameters.
     first : int, optional
-        Of the features, by which each of the first `crossed` is multiplied; by default all, or
+        Number of features by which each of the first `crossed` is multiplied; by default all, or
         none where that makes more than 600 products.
     crossed : int, optional
         Features that are multiplied, `first` or more; by default as many as `first`.
     squared : int, optional
-        Of the features, by whose squares they are multiplied too; by default none.
+        Number of features by whose squares they are multiplied too; by default none.
     by_squares : int, optional
         Features that squares multiply; by default as many as `crossed`.
     penalty : float, optional
@@ -92,7 +91,7 @@ class Polynomial(JointRegressor):
     Attributes
     ----------
     penalties_ : ndarray, shape (n_outputs,)
-        Of a ridge regression, chosen of `truejoint.estimators.polynomial.learn.PENALTIES`.
+        Penalty of a ridge regression, chosen of `truejoint.estimators.polynomial.learn.PENALTIES`.
     shares_ : ndarray, shape (n_outputs,)
         The same of `SHARES`.
     errors_ : ndarray, shape (n_outputs,)
@@ -124,7 +123,7 @@ class Polynomial(JointRegressor):
 
     @property
     def family(self) -> Family:  # type: ignore[override]  # by a parameter
-        """What runs it; a constant corrects an error alone."""
+        """Family that runs it; a constant corrects an error alone."""
         return FAMILY.of(self.model_params())
 
     @property

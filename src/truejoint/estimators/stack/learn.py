@@ -46,14 +46,14 @@ class Stack(JointRegressor):
 
     A member that `sees` some features alone is held to the range that it was fitted to: beyond, its
     prediction stays as it was at the end; only a line goes on. A physical filter knows how to go on
-    by itself: one that takes features of its own is not held to their range.
+    by itself: one with its own features is not held to their range.
 
     Parameters
     ----------
     members : sequence of Regressor or str
         Unfitted, each with a row, or names: truejoint's own and ``boosted_trees``; by default the
-        linear model, then boosted trees. Where one takes features of its own, as a physical filter
-        does, all see these: what the filter leaves can then be learnt.
+        linear model, then boosted trees. If one takes its own features, as a physical filter does,
+        all see these: what the filter leaves can then be learnt.
     weights : sequence of sequence of float, optional
         A row for each member, a column for each output. A member is fitted to those outputs alone
         for which it has a weight other than 0, one without any is left out.
@@ -63,8 +63,8 @@ class Stack(JointRegressor):
         Places of the features that each member sees, to whose range it is held; by default all see
         all, and none is held. One that only works offline may then stand alone.
     beside : sequence of sequence of int, optional
-        For each member that `sees`, place of a feature for each output that its predictions come on
-        top of, such as the measured position where the true one is predicted, or none.
+        For each member that `sees`, the place of a feature for each output, or none. Its
+        predictions are added to that feature, such as the measured position of a true one.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Stack(JointRegressor):
 
     @property
     def family(self) -> Family:  # type: ignore[override]  # by its members
-        """What runs it; raises CalibrationError if a member cannot be one."""
+        """Family that runs it; raises CalibrationError if a member cannot be one."""
         return stack.FAMILY.of(self.model_params())
 
     @property

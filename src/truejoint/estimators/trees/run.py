@@ -139,7 +139,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
         raise CalibrationError("trees have a node that leads out of its tree, or back")
     inner, width = feature >= 0, np.repeat(np.where(output < 0, n_outputs, 1), size[root])
     if (right[~inner] + width[~inner] > n_values).any():
-        raise CalibrationError("trees have a leaf whose value is none of theirs")
+        raise CalibrationError("trees have a leaf whose value is not among their values")
     if (arrays["scale"] == 0.0).any():
         raise CalibrationError("trees array 'scale' divides by zero")
     by_levels(feature, right, size, order, child)

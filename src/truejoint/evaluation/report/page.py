@@ -63,7 +63,7 @@ def write_report(
     ----------
     evaluation : Evaluation
     path : str or Path
-        Where to write; written whole or not at all.
+        File to write, whole or not at all.
     command : str
         Command line that makes this report again.
     overwrite : bool
@@ -151,11 +151,11 @@ def write_comparison(
     Parameters
     ----------
     together : Evaluation
-        Of all models, each as an estimator by its own name.
+        Evaluation of all models, each as an estimator by its name.
     alone : mapping of str to Evaluation
-        Of each model by itself, by that name, for its verdict.
+        Evaluation of each model by itself, by that name, for its verdict.
     path : str or Path
-        Where to write; written whole or not at all.
+        File to write, whole or not at all.
     command : str
         Command line that makes this page again.
     overwrite : bool

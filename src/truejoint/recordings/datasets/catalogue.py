@@ -30,7 +30,7 @@ class DatasetFile:
     size : int
         [bytes].
     sha256 : str
-        Of the file as it is upstream, hexadecimal.
+        SHA-256 of the file as it is upstream, hexadecimal.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class Dataset:
     licence : str
         SPDX name; empty if upstream states none: evaluate such data, do not pass it on.
     notice : str
-        What must stand beside results made with it; often empty.
+        Notice that must stand beside results made with it; often empty.
     citation : str
     features : tuple of str
         Causal features that suit it, as `truejoint.features.FeatureSet.parse` takes them.
@@ -159,7 +159,7 @@ class Dataset:
         return next(row for row in self.layouts if fnmatchcase(recording, row.get("files", "*")))
 
     def url(self, file: DatasetFile) -> str:
-        """Where to fetch a file of it."""
+        """Address of a file of it."""
         repository, commit, path = self.origin(file)
         return f"{RAW_HOST}/{repository}/{commit}/{quote(path)}"
 

@@ -33,18 +33,18 @@ _CLOSE: Final = 0.1  # s; a lag below it was estimated close enough to where it 
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What to add to the stamps of a truth to have those of the robot's clock.
+    """Time to add to the stamps of a truth to have those of the robot's clock.
 
     Attributes
     ----------
     seconds : float
         [s].
     sd : float
-        Standard deviation [s]: how much parts of the motion and joints differ, how much friction
-        could pass for a delay, and that a reading may be as old as one step of its stream; NaN
-        where the offset was stated. A lag of the joint itself is part of the offset.
+        Standard deviation [s]: the spread of motion's parts and joints, friction that could pass
+        for a delay, and the age of a reading, up to one step of its stream; NaN where the offset
+        was stated. A lag of the joint itself is part of the offset.
     joints : tuple of str
-        Whose motion it was found by; empty where it was stated.
+        Joints by whose motion it was found; empty where it was stated.
 
     Examples
     --------
@@ -67,12 +67,13 @@ class ClockOffset:
 def join_truth(
     recording: Recording, truth: Stream, offset: float | None = None, *, near: float | None = None
 ) -> tuple[Recording, ClockOffset]:
-    """Give a recording the truth that was recorded elsewhere, on a clock of its own.
+    """Give a recording the truth that was recorded elsewhere, on another clock.
 
     The offset of the two clocks is found by the motion: coarsely by normalised cross-correlation of
-    truth and measured positions at any shift at which half of the shorter one remains, then by what
-    velocity explains of the truth beside positions, direction, plays and efforts. These keep
-    friction and backlash apart from a delay. Truth is then interpolated as `synchronise` does.
+    truth and measured positions at any shift that leaves half of the shorter one. Then it is
+    refined by what velocity explains of the truth beside positions, direction, plays and efforts.
+    These keep friction and backlash apart from a delay. Truth is then interpolated as `synchronise`
+    does.
 
     Parameters
     ----------
@@ -88,8 +89,8 @@ def join_truth(
     Raises
     ------
     RecordingError
-        If the recording has truth or lacks a joint, no shift fits, several fit alike, or the
-        truth is none.
+        If the recording has truth or lacks a joint, no shift fits, several fit alike, or there is
+        no truth.
 
     Examples
     --------

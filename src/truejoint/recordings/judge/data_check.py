@@ -38,7 +38,7 @@ _BINS: Final = 20
 
 @dataclass(frozen=True)
 class JointCoverage:
-    """What a set of recordings covers of one joint.
+    """Coverage of one joint by a set of recordings.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ def check_data(
     Parameters
     ----------
     recordings : Recording or sequence of Recording
-        Of one arm.
+        Recordings of one arm.
     joints : sequence of str, optional
         Joints of interest; by default those of `model`, or all that have a measured and a true
         position.

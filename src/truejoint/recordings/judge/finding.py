@@ -47,11 +47,11 @@ class Finding:
     name : str
         One of `FINDINGS`, such as ``"outliers"`` or ``"delay"``; ``--accept`` takes it.
     what : str
-        What was seen, with its number.
+        Observation, with its number.
     where : str
         Which joint, signal and recordings; empty for the whole recording.
     advice : str
-        What to do about it, by default that of the name; empty where all is well.
+        Remedy, by default that of the name; empty where all is well.
     rows : tuple of pairs of int
         Rows concerned of the recording that `where` names, each pair the first and the one behind
         the last; empty when it is about the whole.
@@ -80,7 +80,7 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """Where and what, for a person."""
+        """Place and observation, for a person."""
         return f"{self.where}: {self.what}" if self.where else self.what
 
 

@@ -52,11 +52,11 @@ def diagnose(
     Parameters
     ----------
     recording : Recording
-        Of one arm, with or without truth.
+        Recording of one arm, with or without truth.
     other : Recording, optional
-        Of the robot's other arm meanwhile, to tell whether the truth is of that one.
+        Recording of the robot's other arm meanwhile, to tell whether the truth is of that one.
     tool_poses : Track, optional
-        What the robot reported of its tool, to compare with its kinematics.
+        Poses that the robot reported of its tool, to compare with its kinematics.
 
     Raises
     ------

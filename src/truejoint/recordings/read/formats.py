@@ -26,7 +26,7 @@ class Format:
     ----------
     name : str
     summary : str
-        What it is, in a few words for a person.
+        Description, in a few words for a person.
     read : callable
         Takes the path and any of `options`; gives a recording, or one for each session of a file
         whose clock restarts.

@@ -37,7 +37,7 @@ _Number = Annotated[float, schema.Bounds(-_LARGEST, _LARGEST)]
 
 @dataclass(frozen=True)
 class MappedColumn:
-    """Where one column of a recording comes from.
+    """Origin of one column of a recording.
 
     Attributes
     ----------

@@ -113,8 +113,8 @@ class Track:
         """Track of all that a tracker reports, in which the marker may be lost at times.
 
         A marker is lost where a value is NaN, the quaternion is zero or the point is the origin; a
-        reading that repeats the one before to the last bit is none, as every reading has noise.
-        Raises RecordingError as the class does, and if nine of ten readings are lost.
+        reading that repeats the one before to the last bit does not count, as every reading has
+        noise. Raises RecordingError as the class does, and if nine of ten readings are lost.
 
         Examples
         --------
@@ -160,9 +160,9 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
         ``qw``; others are passed over. Or bags with a topic of ``geometry_msgs``: ``PointStamped``,
         ``PoseStamped``, ``PoseWithCovarianceStamped``, ``TransformStamped``.
     topic : str
-        Of a bag; by default the only one of these types that is not the arm's own.
+        Topic of a bag; by default the only one of these types that is not the arm's own.
     unit : {"m", "mm"}
-        Of the points in a file; a bag's are in m.
+        Unit of the points in a file; a bag's are in m.
 
     Raises
     ------

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from truejoint import drawing, schema
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError, other_kind
+from truejoint.extras import require
 from truejoint.robots import Robot, get_robot
 from truejoint.summary import Summarised, json_values
 from truejoint.units import SI_UNITS
@@ -40,7 +41,7 @@ POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth", "truth_exact")
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a recording comes from.
+    """Origin of a recording.
 
     Attributes
     ----------
@@ -51,7 +52,8 @@ class Provenance:
     sha256 : str
         Hash of the source file, hexadecimal; empty for a simulation.
     session : str
-        What was recorded in one go; rows of different sessions never share a model's history.
+        Label of rows that were recorded in one go; rows of different sessions never share a model's
+        history.
     homing_id : str
         Which homing the positions refer to; positions of two homings differ by an offset.
     load : float
@@ -144,7 +146,7 @@ class Recording(Summarised):
         Column ``t`` [s], then ``<quantity>/<joint>``: ``measured`` (position reported from the
         motor side), ``velocity``, ``effort``, ``setpoint``, ``motor``, ``motor_velocity``,
         ``current``, ``truth`` (from a joint sensor), ``truth_effort``, ... float64, one row a
-        sample, ``t`` strictly increasing. NaN only in ``truth*`` columns, where there is none.
+        sample, ``t`` strictly increasing. NaN only in ``truth*`` columns, in rows without a truth.
     units : mapping
         SI unit of each column but ``t``; ``"1"`` for a quantity without a known unit.
     provenance : Provenance
@@ -250,6 +252,20 @@ class Recording(Summarised):
         frame.attrs = {"units": dict(self.units), "provenance": self.provenance.to_dict()}
         return frame
 
+    def to_xarray(self) -> Any:
+        """Give an ``xarray.Dataset``: quantities by `t` and `joint`, with units (extra xarray).
+
+        A channel that a quantity lacks is NaN. The Dataset's ``attrs`` hold the provenance.
+        """
+        xarray = require("xarray", "xarray", "to_xarray")
+        joints = list(dict.fromkeys(name.partition("/")[2] for name in self.units))
+        quantities = {}
+        for quantity in dict.fromkeys(name.partition("/")[0] for name in self.units):
+            values = self.table.reindex(columns=[f"{quantity}/{joint}" for joint in joints])
+            units = {joint: self.units[f"{quantity}/{joint}"] for joint in self.joints_of(quantity)}
+            quantities[quantity] = (("t", "joint"), values.to_numpy(), {"units": units})
+        return xarray.Dataset(quantities, {"t": self.t, "joint": joints}, self.provenance.to_dict())
+
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write a Parquet file, as `write_parquet` does."""
         parquet = import_module("truejoint.recordings.table.parquet")
@@ -347,7 +363,7 @@ class Recording(Summarised):
         return self.columns("truth", joints) - self.columns("measured", joints)
 
     def rows(self, selection: slice | Mask | Integers) -> Recording:
-        """Keep the selected rows only; raises RecordingError where these are none of its own."""
+        """Keep the selected rows only; raises RecordingError where they do not fit it."""
         try:
             rows: Any = selection if isinstance(selection, slice) else np.atleast_1d(selection)
             table = self.table.iloc[rows]

@@ -70,18 +70,18 @@ def read_bag(
     state, truth : str
         Topics, if they are not to be found by type and content; None to leave the truth out.
     quantities : collection of str
-        Of `truejoint.crtk.messages.RAVEN_FIELDS`, what to read of RAVEN's state.
+        Fields to read of RAVEN's state, of `truejoint.crtk.messages.RAVEN_FIELDS`.
     offset : float, optional
-        To be added to the stamps of the truth [s]; by default none where both streams cover the
-        same time, and what the motion that both saw says where they do not.
+        Time to add to the stamps of the truth [s]; by default none where both streams cover the
+        same time, else the offset by the motion.
     near : float, optional
         About how large it is [s], where the motion shall say it but repeats itself.
 
     Returns
     -------
     Recording
-        At the stamps of the state; the truth as `synchronise` brings it there. What was lost, and
-        what the profile changed, is in its provenance.
+        At the stamps of the state; the truth as `synchronise` brings it there. Its provenance says
+        what was lost, and what the profile changed.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def read_topic(
     Returns
     -------
     stamps : ndarray of int64, shape (n,)
-        Of the messages' headers [ns], or of their arrival where there is none.
+        Stamps of the messages' headers [ns], or of their arrival without a header.
     values : dict of str to ndarray, shape (n, k)
         By field, in the message's own unit; NaN where a list is shorter than the longest.
 
