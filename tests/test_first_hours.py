@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from tests.filters.linear import linear_model
 
 import truejoint
 
@@ -33,7 +34,8 @@ TABLES = r"[\s│┃]+"
 def blocks(page: str, kind: str = "") -> list[str]:
     """Fenced blocks of one language on a page of the manual."""
     text = (ROOT / "docs" / page).read_text("utf-8")
-    return re.findall(rf"^```{kind}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    return [block for language, block in fenced if language == kind]
 
 
 def lines(block: str) -> list[str]:
@@ -100,19 +102,21 @@ def test_a_csv_from_another_robot(run: Callable[[str], str]) -> None:
     assert np.sqrt((error**2).mean()) < 0.05
 
 
-def test_a_student_repeats_a_table_of_each_paper(run: Callable[[str], str]) -> None:
+@pytest.mark.parametrize("name", ["directions", "forceps-unloaded"])
+def test_a_student_repeats_a_table_of_each_paper(name: str, run: Callable[[str], str]) -> None:
     page = "studies.md"
-    peng, yan = lines(blocks(page, "sh")[0])
-    assert "J2-J3, elbow [deg]" in run(peng)
-    said = values(run(yan))
-    shown = lines(blocks(page)[0])
-    rows = [values(row).strip() for row in shown if re.search(r"\d\.\d+", row)]
+    (command,) = (line for line in lines(blocks(page, "sh")[0]) if name in line)
+    said = values(run(command))
+    overview = Path("studies/index.html").read_text("utf-8")
+    assert name in overview
+    if name == "directions":
+        for joint in ("shoulder [deg]", "elbow [deg]", "insertion [mm]"):
+            assert f"J2-J3, {joint}" in said
+        return
+    rows = [row for row in lines(blocks(page)[0]) if re.search(r"\d\.\d+", row)]
     assert len(rows) == 4
     for row in rows:
-        assert row in said
-    overview = Path("studies/index.html").read_text("utf-8")
-    assert "directions" in overview
-    assert "forceps-unloaded" in overview
+        assert values(row).strip() in said
 
 
 def test_a_user_of_the_filter_alone(run: Callable[[str], str]) -> None:
@@ -130,24 +134,13 @@ def test_who_comes_from_filterpy(run: Callable[[str], str], capsys: Any) -> None
     names = execute(blocks("from_filterpy.md", "python")[0])
     assert capsys.readouterr().out == blocks("from_filterpy.md")[0]
 
-    def fx(x, u, dt, parameters, out):  # type: ignore[no-untyped-def]  # as numba takes it
-        out[0] = x[0] + dt * x[1]
-        out[1] = x[1]
-
-    def hx(x, u, parameters, out):  # type: ignore[no-untyped-def]
-        out[0] = x[0]
-
-    settings = {
-        name: getattr(names["model"], name) for name in ("process_noise", "measurement_noise")
-    }
-    filled = truejoint.filters.StateSpaceModel(
-        fx, hx, states=("position", "speed"), measurements=("position",), **settings
-    )
-    result = truejoint.UKF(filled).run(names["zs"], x0=[0.0, 0.0], P0=np.eye(2), dt=0.1)
-    np.testing.assert_array_equal(names["result"].x, result.x)
+    same = linear_model([[1.0, 0.1], [0.0, 1.0]], [[], []], [[1.0, 0.0]],
+                        names["model"].process_noise, [[1e-2]])  # fmt: skip
+    result = truejoint.UKF(same).run(names["zs"], x0=[0.0, 0.0], P0=np.eye(2), dt=0.1)
+    np.testing.assert_allclose(names["result"].x, result.x, rtol=1e-9, atol=1e-12)
     with pytest.raises(truejoint.TruejointError, match=r"f\(x, u, dt, parameters\) that returns"):
         truejoint.filters.StateSpaceModel(
-            lambda x, dt: x, hx, states=("x",), measurements=("x",), process_noise=[[1.0]],
+            lambda x, dt: x, names["hx"], states=("x",), measurements=("x",), process_noise=[[1.0]],
             measurement_noise=[[1.0]],
         )  # fmt: skip
 
