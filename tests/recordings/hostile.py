@@ -1,6 +1,6 @@
 """Files made to exhaust whoever reads them: time, memory, or patience with Ctrl-C.
 
-`KINDS` writes each into a folder, small as it is. As a program it gives every one to the commands
+`KINDS` writes or gives each, small as it is. As a program it gives every one to the commands
 that read recordings, a process each, with bounded memory, and prints what they took:
 
     python -m tests.recordings.hostile [--some] [KIND ...]
@@ -26,6 +26,7 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
+from functools import partial, reduce
 from itertools import cycle, pairwise
 from pathlib import Path
 from typing import Any
@@ -52,26 +53,6 @@ STATE = "sensor_msgs/msg/JointState"
 MESSAGE = b"\0\1\0\0" + struct.pack("<II4sIdII", 1, 4, b"jaw\0", 1, 0.5, 0, 0)
 RULE = "=" * 80
 
-KINDS: dict[str, Callable[[Path], Path]] = {}
-
-
-def kind(name: str) -> Callable[[Callable[[Path], Any]], Callable[[Path], Any]]:
-    """Register what writes a file of that name."""
-
-    def register(write: Callable[[Path], Any]) -> Callable[[Path], Any]:
-        def make(folder: Path) -> Path:
-            path = folder / name
-            content = write(path)
-            if isinstance(content, bytes):
-                path.write_bytes(content)
-            return path
-
-        KINDS[name] = make
-        return write
-
-    return register
-
-
 # ---------------------------------------------------------------------------------------- SQLite
 
 TOPICS = "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)"
@@ -82,6 +63,26 @@ DEFINITIONS = (
     "CREATE TABLE message_definitions (topic_type, encoding, encoded_message_definition);"
     f"INSERT INTO message_definitions VALUES ('{STATE}', 'ros2msg', '{JOINTS}')"
 )
+ONE = "INSERT INTO messages VALUES (1, 1, 1)"
+TWENTY = [MESSAGE] * 20
+SLOW = f"'{'a' * 400}' LIKE '{'%a' * 40}b'"
+MANY = ", ".join(f"(VALUES (1), (2), (3), (4)) v{n}" for n in range(40))
+ROW = "1 timestamp, x'00' data"
+TOPIC_ROW = f"x id, '/t' || x name, '{STATE}' type, 'cdr' serialization_format FROM r"
+DEFINITION_ROW = "x topic_type, 'ros2msg' encoding, 'int8 x' encoded_message_definition FROM r"
+CALLED_TABLE = (
+    "PRAGMA writable_schema = ON",
+    "UPDATE sqlite_master SET type = 'table', rootpage = 2 WHERE type = 'view'",
+)
+TRIGGER = f"CREATE TRIGGER t AFTER INSERT ON messages BEGIN {ENDLESS} SELECT count(*) FROM r; END"
+
+
+def view(name: str, columns: str, source: str = f"{ENDLESS} SELECT") -> str:
+    """SQL of a view in place of a table."""
+    return f"CREATE VIEW {name} AS {source} {columns}"
+
+
+VIEW = view("messages", f"1 topic_id, {ROW} FROM r")
 
 
 def tables(
@@ -105,73 +106,8 @@ def tables(
         base.commit()
 
 
-@kind("view.db3")
-def _view(path: Path, then: Sequence[str] = ()) -> None:
-    columns = "1 topic_id, x timestamp, x'00' data"
-    tables(path, f"CREATE VIEW messages AS {ENDLESS} SELECT {columns} FROM r", then=then)
-
-
-@kind("view_joined.db3")
-def _view_joined(path: Path) -> None:
-    many = ", ".join(f"(VALUES (1), (2), (3), (4)) v{n}" for n in range(40))
-    columns = "1 topic_id, 1 timestamp, x'00' data"
-    tables(path, f"CREATE VIEW messages AS SELECT {columns} FROM {many}")
-
-
-@kind("view_of_topics.db3")
-def _view_of_topics(path: Path) -> None:
-    columns = f"x id, '/t' || x name, '{STATE}' type, 'cdr' serialization_format"
-    tables(path, topics=f"CREATE VIEW topics AS {ENDLESS} SELECT {columns} FROM r")
-
-
-@kind("view_of_definitions.db3")
-def _view_of_definitions(path: Path) -> None:
-    columns = "x topic_type, 'ros2msg' encoding, 'int8 x' encoded_message_definition"
-    view = f"CREATE VIEW message_definitions AS {ENDLESS} SELECT {columns} FROM r"
-    tables(path, rows=[MESSAGE] * 20, definitions=view)
-
-
-@kind("view_called_table.db3")
-def _view_called_table(path: Path) -> None:
-    table = "UPDATE sqlite_master SET type = 'table', rootpage = 2 WHERE type = 'view'"
-    _view(path, ["PRAGMA writable_schema = ON", table])
-
-
-@kind("virtual.db3")
-def _virtual(path: Path) -> None:
-    tables(path, "CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data)")
-
-
-@kind("computed.db3")
-def _computed(path: Path) -> None:
-    column, row = "data AS (zeroblob(1000000000))", "INSERT INTO messages VALUES (1, 1, 1)"
-    tables(path, f"CREATE TABLE messages ({COLUMNS}, {column})", then=[row])
-
-
-@kind("computed_slowly.db3")
-def _computed_slowly(path: Path) -> None:
-    slow, row = f"'{'a' * 400}' LIKE '{'%a' * 40}b'", "INSERT INTO messages VALUES (1, 1, 1)"
-    columns = f"{COLUMNS}, wait AS ({slow}), data AS (wait || x'00')"
-    tables(path, f"CREATE TABLE messages ({columns})", then=[row])
-
-
-@kind("index_computed.db3")
-def _index_computed(path: Path) -> None:
-    index = "CREATE INDEX slow ON messages (topic_id, timestamp, data, 'a' LIKE 'a%a')"
-    tables(path, rows=[MESSAGE] * 20, then=[index])
-
-
-@kind("trigger.db3")
-def _trigger(path: Path) -> None:
-    trigger = (
-        f"CREATE TRIGGER t AFTER INSERT ON messages BEGIN {ENDLESS} SELECT count(*) FROM r; END"
-    )
-    tables(path, rows=[MESSAGE] * 20, then=[trigger])
-
-
-@kind("pages_that_multiply.db3")
-def _pages(path: Path) -> None:
-    """Each inner page of the tree of messages points to the next a hundred times."""
+def multiply_pages(path: Path) -> None:
+    """Have each inner page of the tree of messages point to the next a hundred times."""
     tables(path, rows=[MESSAGE] * 9000)
     data = bytearray(path.read_bytes())
     inner = [at for at in range(0, len(data), 4096) if data[at + 100 * (at == 0)] == 5]
@@ -191,16 +127,39 @@ def _pages(path: Path) -> None:
     path.write_bytes(data)
 
 
-@kind("messages_zstd.db3")
-def _messages_zstd(path: Path) -> None:
-    tables(path, rows=[zstd.compress(MESSAGE + bytes(64_000_000))] * 60)
-
-
-@kind("definition_long.db3")
-def _definition_long(path: Path) -> None:
-    text = JOINTS + "".join(f"int32 a{n}\n" for n in range(200_000))
-    tables(path, rows=[MESSAGE] * 20, definitions=DEFINITIONS.replace(JOINTS, text))
-
+KINDS: dict[str, Callable[[Path], bytes | None]] = {
+    "view.db3": partial(tables, messages=VIEW),
+    "view_joined.db3": partial(
+        tables, messages=view("messages", f"{ROW} FROM {MANY}", "SELECT 1 x, 1 topic_id,")
+    ),
+    "view_of_topics.db3": partial(tables, topics=view("topics", TOPIC_ROW)),
+    "view_of_definitions.db3": partial(
+        tables, rows=TWENTY, definitions=view("message_definitions", DEFINITION_ROW)
+    ),
+    "view_called_table.db3": partial(tables, messages=VIEW, then=CALLED_TABLE),
+    "virtual.db3": partial(
+        tables, messages="CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data)"
+    ),
+    "computed.db3": partial(
+        tables, messages=MESSAGES.replace("data", "data AS (zeroblob(1000000000))"), then=[ONE]
+    ),
+    "computed_slowly.db3": partial(
+        tables,
+        messages=MESSAGES.replace("data", f"wait AS ({SLOW}), data AS (wait || x'00')"),
+        then=[ONE],
+    ),
+    "index_computed.db3": partial(
+        tables, rows=TWENTY, then=["CREATE INDEX slow ON messages (data, 'a' LIKE 'a%a')"]
+    ),
+    "trigger.db3": partial(tables, rows=TWENTY, then=[TRIGGER]),
+    "pages_that_multiply.db3": multiply_pages,
+    "messages_zstd.db3": lambda path: tables(
+        path, rows=[zstd.compress(MESSAGE + bytes(64_000_000))] * 60
+    ),
+    "definition_long.db3": lambda path: tables(
+        path, rows=TWENTY, definitions=DEFINITIONS.replace(JOINTS, JOINTS + "int32 a\n" * 200_000)
+    ),
+}
 
 # ------------------------------------------------------------------------------------------ MCAP
 
@@ -230,6 +189,11 @@ def state_records(messages: Sequence[bytes], definition: str = JOINTS) -> bytes:
     return b"".join([record(3, schema), record(4, channel), *rows])
 
 
+def blank() -> bytes:
+    """Record of a long message."""
+    return record(5, bytes(1 << 27))
+
+
 def chunk(content: bytes, packing: str) -> bytes:
     """Chunk of an MCAP."""
     packed, size = PACK[packing](content), len(content)
@@ -242,96 +206,73 @@ def mcap(*records: bytes) -> bytes:
     return b"".join([b"\x89MCAP0\r\n", record(1, text("ros2") + text("")), *records, FOOTER])
 
 
-@kind("chunks_zstd.mcap")
-def _chunks_zstd(_: Path) -> bytes:
-    return mcap(*[chunk(state_records([MESSAGE]) + record(5, bytes(1 << 28)), "zstd")] * 200)
-
-
-@kind("chunks_lz4.mcap")
-def _chunks_lz4(_: Path) -> bytes:
-    return mcap(*[chunk(state_records([MESSAGE]) + record(5, bytes(1 << 28)), "lz4")] * 4)
-
-
-@kind("chunk_of_small_records.mcap")
-def _small_records(_: Path) -> bytes:
-    few = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
-    return mcap(chunk(state_records([MESSAGE]) + few * 1_000_000, "zstd"))
-
-
-@kind("chunk_of_nothing.mcap")
-def _nothing(_: Path) -> bytes:
-    return mcap(chunk(state_records([MESSAGE]) + bytes(30_000_000), "zstd"))
-
-
-@kind("chunk_within_chunk.mcap")
-def _nested(_: Path) -> bytes:
-    records = state_records([MESSAGE] * 20)
-    for _round in range(50):
-        records = chunk(records * 2, "zstd")
-    return mcap(records)
-
-
-@kind("length.mcap")
-def _length(_: Path) -> bytes:
-    huge = struct.pack("<BQ", 5, (1 << 63) - 1) + bytes(100)
-    return mcap(state_records([MESSAGE] * 20), huge)
-
-
-@kind("summary.mcap")
-def _summary(_: Path) -> bytes:
-    """A summary that counts what is not there, and begins at itself."""
-    body = mcap(state_records([MESSAGE] * 20)).removesuffix(FOOTER)
+def summary_that_lies(_: Path) -> bytes:
+    """Count what is not there in a summary that begins at itself."""
+    body = mcap(STATES).removesuffix(FOOTER)
     counts = struct.pack("<QHIIIIQQI", 1 << 62, 1, 1, 0, 0, 0, 0, 0, 0xFFFFFFFF)
     summary = record(0x0B, counts + struct.pack("<HQ", 1, 1 << 62))
-    end = record(2, struct.pack("<QQI", len(body), 0, 0))
-    return body + summary + end + b"\x89MCAP0\r\n"
+    return body + summary + record(2, struct.pack("<QQI", len(body), 0, 0)) + b"\x89MCAP0\r\n"
 
 
-@kind("definition_multiplies.mcap")
-def _multiplies(_: Path) -> bytes:
-    nested = "".join(
-        f"\n{RULE}\nMSG: own/a{k}\n" + "".join(f"own/a{k + 1} f{j}\n" for j in range(9))
+def nested_definition(count: int = 9, last: str = "float64 x\n") -> str:
+    """Types within types, each `count` times."""
+    return "own/a1 f\n" + "".join(
+        f"\n{RULE}\nMSG: own/a{k}\n" + "".join(f"own/a{k + 1} f{j}\n" for j in range(count))
         for k in range(1, 19)
-    )
-    definition = f"{JOINTS}own/a1 f\n{nested}\n{RULE}\nMSG: own/a19\nfloat64 x\n"
-    return mcap(state_records([MESSAGE + bytes(400)] * 20, definition))
+    ) + f"\n{RULE}\nMSG: own/a19\n{last}"  # fmt: skip
 
 
-@kind("lists_that_change.mcap")
-def _lists(_: Path) -> bytes:
-    """Every message has a length of its own, and many elements that take no bytes."""
-    definition = f"{JOINTS}own/a[] f\n{RULE}\nMSG: own/a\nown/b b\n{RULE}\nMSG: own/b\n"
-    count = struct.pack("<I", 60_000)
-    return mcap(state_records([MESSAGE + count + bytes(n) for n in range(2000)], definition))
+STATES = state_records([MESSAGE] * 20)
+EMPTY_LISTS = f"{JOINTS}own/a[] f\n{RULE}\nMSG: own/a\nown/b b\n{RULE}\nMSG: own/b\n"
+FEW = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
 
+KINDS |= {
+    "chunks_zstd.mcap": lambda _: mcap(*[chunk(STATES + blank(), "zstd")] * 400),
+    "chunks_lz4.mcap": lambda _: mcap(*[chunk(STATES + blank(), "lz4")] * 8),
+    "chunk_of_small_records.mcap": lambda _: mcap(chunk(STATES + FEW * 400_000, "zstd")),
+    "chunk_of_nothing.mcap": lambda _: mcap(chunk(STATES + bytes(30_000_000), "zstd")),
+    "chunk_within_chunk.mcap": lambda _: mcap(
+        reduce(lambda records, _: chunk(records * 2, "zstd"), range(50), STATES)
+    ),
+    "length.mcap": lambda _: mcap(STATES, struct.pack("<BQ", 5, (1 << 63) - 1) + bytes(100)),
+    "summary.mcap": summary_that_lies,
+    "definition_multiplies.mcap": lambda _: mcap(
+        state_records([MESSAGE + bytes(400)] * 20, JOINTS + nested_definition())
+    ),
+    # Every message has a length of its own, and many elements that take no bytes.
+    "lists_that_change.mcap": lambda _: mcap(
+        state_records(
+            [MESSAGE + struct.pack("<I", 60_000) + bytes(n) for n in range(2000)], EMPTY_LISTS
+        )
+    ),
+}
 
 # ----------------------------------------------------------------------------------------- ROS 1
 
 
 def ros1_record(header: dict[str, bytes], data: bytes = b"", length: int | None = None) -> bytes:
     """Record of a ROS 1 bag."""
-    fields = [name.encode() + b"=" + value for name, value in header.items()]
-    packed = b"".join(struct.pack("<I", len(field)) + field for field in fields)
-    size = len(data) if length is None else length
+    packed, size = ros1_fields(header), len(data) if length is None else length
     return struct.pack("<I", len(packed)) + packed + struct.pack("<I", size) + data
+
+
+def ros1_fields(header: dict[str, bytes]) -> bytes:
+    """Fields of a record's header."""
+    fields = [name.encode() + b"=" + value for name, value in header.items()]
+    return b"".join(struct.pack("<I", len(field)) + field for field in fields)
 
 
 def ros1_state(count: int) -> bytes:
     """Connection and messages of a joint state."""
-    conn = struct.pack("<I", 0)
     about = {"topic": b"/measured_js", "type": b"sensor_msgs/JointState", "md5sum": b"0" * 32,
              "message_definition": JOINTS.encode()}  # fmt: skip
-    data = b"".join(
-        struct.pack("<I", len(name) + 1 + len(value)) + name.encode() + b"=" + value
-        for name, value in about.items()
-    )
     message = struct.pack("<II3sIdII", 1, 3, b"jaw", 1, 0.5, 0, 0)
     rows = [
-        ros1_record({"op": b"\2", "conn": conn, "time": struct.pack("<II", 1, n)}, message)
+        ros1_record({"op": b"\2", "conn": bytes(4), "time": struct.pack("<II", 1, n)}, message)
         for n in range(count)
     ]
-    topic = ros1_record({"op": b"\7", "conn": conn, "topic": b"/measured_js"}, data)
-    return b"".join([topic, *rows])
+    topic = {"op": b"\7", "conn": bytes(4), "topic": b"/measured_js"}
+    return b"".join([ros1_record(topic, ros1_fields(about)), *rows])
 
 
 def ros1_chunk(packed: bytes, packing: bytes, length: int | None = None) -> bytes:
@@ -348,99 +289,99 @@ def ros1(*records: bytes, index: int = 0) -> bytes:
     return b"".join([b"#ROSBAG V2.0\n", ros1_record(header, b" " * 4000), *records])
 
 
-@kind("chunks_bz2.bag")
-def _chunks_bz2(_: Path) -> bytes:
-    bomb = bz2.compress(ros1_state(20) + bytes(1 << 27))
-    return ros1(*[ros1_chunk(bomb, b"bz2")] * 30)
-
-
-@kind("chunks_bz2_indexed.bag")
-def _indexed(path: Path) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    writer = rosbag1.Writer(path)
-    writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
-    with writer:
-        topic = writer.add_connection("/measured_js", STATE, typestore=store)
-        for number in range(2):
-            writer.write(topic, number, bytes(1 << 26))
-
-
-@kind("chunks_lz4.bag")
-def _chunks_lz4_ros1(_: Path) -> bytes:
-    bomb = lz4.frame.compress(ros1_state(20) + bytes(1 << 27))
-    return ros1(*[ros1_chunk(bomb, b"lz4")] * 3)
-
-
-@kind("chunk_of_small_records.bag")
-def _small_records_ros1(_: Path) -> bytes:
-    few = ros1_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)})
-    return ros1(ros1_chunk(lz4.frame.compress(ros1_state(20) + few * 700_000), b"lz4"))
-
-
-@kind("chunk_cut.bag")
-def _chunk_cut(_: Path) -> bytes:
-    return ros1(ros1_chunk(bz2.compress(ros1_state(2000))[:-40], b"bz2", (1 << 32) - 1))
-
-
-@kind("length.bag")
-def _length_ros1(_: Path) -> bytes:
-    return ros1(ros1_state(20), struct.pack("<I", (1 << 32) - 1) + bytes(100))
-
-
-@kind("index.bag")
-def _index(_: Path) -> bytes:
-    """An index that counts what is not there, in a record that is said to be long."""
-    body = ros1(ros1_state(20))
+def index_that_lies(_: Path) -> bytes:
+    """Count what is not there in an index, in a record that is said to be long."""
     header = {"op": b"\6", "ver": struct.pack("<I", 1), "chunk_pos": bytes(8),
               "start_time": bytes(8), "end_time": bytes(8), "count": b"\xff" * 4}  # fmt: skip
     entries = struct.pack("<II", 0, 0xFFFFFFFF) * 50_000
     index = ros1_record(header, entries) + ros1_record(header, b"", 0xFFFFFFFF)
-    return ros1(ros1_state(20), index, index=len(body))
+    return ros1(ROWS, index, index=len(ros1(ROWS)))
 
+
+def bomb() -> bytes:
+    """Rows, and more than a small file may unpack to."""
+    return ROWS + bytes((1 << 26) + 1)
+
+
+def indexed(path: Path) -> None:
+    """Pack large messages as rosbag does."""
+    writer = rosbag1.Writer(path)
+    writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+    with writer:
+        store = get_typestore(Stores.ROS1_NOETIC)
+        topic = writer.add_connection("/measured_js", STATE, typestore=store)
+        for number in range(2):
+            writer.write(topic, number, bytes((1 << 25) + 100))
+
+
+ROWS = ros1_state(20)
+SHORT = ros1_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)})
+
+KINDS |= {
+    "chunks_bz2.bag": lambda _: ros1(*[ros1_chunk(bz2.compress(bomb()), b"bz2")] * 30),
+    "chunks_lz4.bag": lambda _: ros1(*[ros1_chunk(lz4.frame.compress(bomb()), b"lz4")] * 3),
+    "chunk_of_small_records.bag": lambda _: ros1(
+        ros1_chunk(lz4.frame.compress(ROWS + SHORT * 200_000), b"lz4")
+    ),
+    "chunk_cut.bag": lambda _: ros1(
+        ros1_chunk(bz2.compress(ros1_state(2000))[:-40], b"bz2", (1 << 32) - 1)
+    ),
+    "length.bag": lambda _: ros1(ROWS, struct.pack("<I", (1 << 32) - 1) + bytes(100)),
+    "chunks_bz2_indexed.bag": indexed,
+    "index.bag": index_that_lies,
+}
 
 # ----------------------------------------------------------------------------------- other files
 
 
-@kind("table.csv.gz")
-def _gzip(_: Path) -> bytes:
-    return gzip.compress(b"t,measured/jaw\n" + b"0.1,0.2\n" * 10_000_000, 1)
-
-
-@kind("rows.npz")
-def _npz(path: Path) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        header = io.BytesIO()
-        np.lib.format.write_array_header_1_0(
-            header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 22, 1)}
-        )
-        file.writestr("rows.npy", header.getvalue() + bytes(1 << 25))
-
-
-@kind("rows.npy")
-def _npy(_: Path) -> bytes:
+def npy(rows: int, columns: int, data: bytes) -> bytes:
+    """Array as its header has it, and other bytes."""
     header = io.BytesIO()
-    shape = {"descr": "<f8", "fortran_order": False, "shape": (1 << 40, 3)}
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (rows, columns)}
     np.lib.format.write_array_header_1_0(header, shape)
-    return header.getvalue() + bytes(100)
+    return header.getvalue() + data
 
 
-@kind("rows.mat")
-def _mat(_: Path) -> bytes:
+def npz(path: Path) -> None:
+    """Pack an array of zeros."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("rows.npy", npy(1 << 22, 1, bytes(1 << 25)))
+
+
+def mat(_: Path) -> bytes:
+    """Pack a variable that unpacks to much."""
     bomb = zlib.compress(struct.pack("<II", 14, 1 << 27) + bytes(1 << 27))
     head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     return head + struct.pack("<II", 15, len(bomb)) + bomb
 
 
-@kind("rows.parquet")
-def _parquet(path: Path) -> None:
-    """Few rows are stated, in pages that unpack to much."""
-    table = pa.table({"t": np.zeros(1 << 23), "measured/jaw": np.zeros(1 << 23)})
+def parquet(path: Path) -> None:
+    """State few rows, in pages that unpack to much."""
+    rows = np.zeros((1 << 22) + 1)
+    table = pa.table({"t": rows, "measured/jaw": rows})
     pq.write_table(table, path, compression="zstd", use_dictionary=False, data_page_size=1 << 30)
 
 
-@kind("blocks.stream")
-def _stream(path: Path) -> None:
-    """A recorder's stream whose block states more rows than there are."""
+def forged_page(path: Path, size: int = 1 << 28) -> None:
+    """Put a page of a few rows that unpacks to `size` bytes in place of an honest one."""
+    rows = np.random.default_rng(0).random(20_000)
+    table = pa.table({"t": np.sort(rows), "measured/jaw": rows})
+    pq.write_table(table, path, compression="zstd", use_dictionary=False)
+    packed, count = zstd.compress(bytes(size)), compact(len(rows))
+    head = b"\x15\0\x15" + compact(size) + b"\x15" + compact(len(packed))
+    page = head + b"\x2c\x15" + count + b"\x15\0\x15\6\x15\6\0\0" + packed
+    data = path.read_bytes()
+    path.write_bytes(data[:4] + page + data[4 + len(page) :])
+
+
+def compact(number: int) -> bytes:
+    """Whole number as Thrift packs it, seven bits a byte."""
+    bits = [2 * number >> shift & 0x7F for shift in range(0, (2 * number).bit_length(), 7)]
+    return bytes([*(bit | 0x80 for bit in bits[:-1]), bits[-1]])
+
+
+def stream(path: Path) -> None:
+    """State more rows in a block of a recorder's stream than there are."""
     from truejoint.recordings.table.stream_file import StreamWriter
 
     StreamWriter(path, {"provenance": {"robot": "raven2"}, "robot": {}, "gap_limit": 0.1}).close()
@@ -448,10 +389,16 @@ def _stream(path: Path) -> None:
         file.write(b'{"stream": "state", "columns": [], "rows": 1099511627776}\n' + bytes(1 << 20))
 
 
-@kind("header.safetensors")
-def _safetensors(_: Path) -> bytes:
-    return struct.pack("<Q", 1 << 62) + b'{"a":' * 1000
-
+KINDS |= {
+    "table.csv.gz": lambda _: gzip.compress(b"t,measured/jaw\n" + b"0.1,0.2\n" * 8_400_000, 1),
+    "rows.npy": lambda _: npy(1 << 40, 3, bytes(100)),
+    "rows.npz": npz,
+    "rows.mat": mat,
+    "rows.parquet": parquet,
+    "page_forged.parquet": forged_page,
+    "blocks.stream": stream,
+    "header.safetensors": lambda _: struct.pack("<Q", 1 << 62) + b'{"a":' * 1000,
+}
 
 # ----------------------------------------------------------------------------------------- trial
 
@@ -461,6 +408,11 @@ COMMANDS = {
     "calibrate": ("calibrate", "-e", "offset", "-o", "m.safetensors"),
     "list": ("extract",),
 }
+READING = ("extract", "doctor", "calibrate")
+BAGS = ".bag", ".db3", ".mcap"
+LISTED = ("view_of_topics.db3", "computed_slowly.db3", "messages_zstd.db3", "summary.mcap",
+          "chunk_of_small_records.mcap", "chunks_bz2_indexed.bag", "index.bag")  # fmt: skip
+"""Those that a list of topics could be long at."""
 ROBOT = "--robot", "davinci_grasper"  # where a file does not say it
 STOPPED = "Ctrl-C"
 """Besides: extract without the bounds, and Ctrl-C while it runs."""
@@ -470,11 +422,12 @@ ENDLESS_KINDS = ("view.db3", "view_joined.db3", "pages_that_multiply.db3", "mess
 
 
 def attempts(*, some: bool, kinds: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Kinds with commands: all, or one command for each kind in turn, and Ctrl-C."""
-    chosen = kinds or list(KINDS)
+    """Kinds with commands: all; or for each one that reads, in turn; some listed, some stopped."""
+    chosen, turn = kinds or list(KINDS), cycle(READING)
     if some:
-        turn = cycle(COMMANDS)
-        return [(name, next(turn)) for name in chosen] + [(name, STOPPED) for name in ENDLESS_KINDS]
+        by_kind = [(k, next(turn) if k.endswith(BAGS) else "doctor") for k in chosen]
+        lists = [(kind, "list") for kind in LISTED]
+        return [*by_kind, *lists, *((kind, STOPPED) for kind in ENDLESS_KINDS)]
     return [(name, command) for name in chosen for command in (*COMMANDS, STOPPED)]
 
 
@@ -588,7 +541,8 @@ def main() -> None:
             if not path.exists():
                 if (writer := os.fork()) == 0:  # what it takes is not counted
                     with contextlib.suppress(Exception):
-                        KINDS[made](folder)
+                        if (content := KINDS[made](path)) is not None:
+                            path.write_bytes(content)
                     os._exit(0)
                 os.waitpid(writer, 0)
             print(json.dumps(attempt(path, command, folder)), flush=True)

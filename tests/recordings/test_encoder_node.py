@@ -14,6 +14,7 @@ from truejoint.robots.raven2.hardware import JOINT_ENCODERS
 pytest.importorskip("serial", reason="pyserial is not installed")
 
 ROBOT = get_robot("raven2")
+TOWARDS = np.array([e.direction * (1 if e.end == "upper" else -1) for e in JOINT_ENCODERS])
 
 
 @pytest.fixture
@@ -42,10 +43,9 @@ def test_it_registers_while_the_arm_homes_and_publishes_from_the_drivers_zero(no
     send(encoders, (0, 0, 0))
     assert not out
     say(ros, state="ENABLED", is_homed=False, is_busy=True)
-    towards = np.array([e.direction * (1 if e.end == "upper" else -1) for e in JOINT_ENCODERS])
-    send(encoders, (0, 0, 0), (1000 * towards).astype(int), (-500 * towards).astype(int))
+    send(encoders, (0, 0, 0), 1000 * TOWARDS, -500 * TOWARDS)
     say(ros, state="ENABLED", is_homed=True, is_busy=False)
-    send(encoders, (-500 * towards).astype(int))
+    send(encoders, -500 * TOWARDS)
     assert made.published == len(out) == 1
     fields = {"position": np.array([out[0].position])}
     columns = joint_state_columns(ROBOT, "truth", [], fields, PROFILES["raven2"])
@@ -60,13 +60,12 @@ def test_it_registers_while_the_arm_homes_and_publishes_from_the_drivers_zero(no
 def test_a_homing_that_was_stopped_is_registered_anew(node):
     ros, encoders, made = node
     say(ros, state="ENABLED", is_homed=False, is_busy=True)
-    towards = np.array([e.direction * (1 if e.end == "upper" else -1) for e in JOINT_ENCODERS])
-    send(encoders, (9000 * towards).astype(int))  # before somebody stopped it
+    send(encoders, 9000 * TOWARDS)  # before somebody stopped it
     say(ros, state="PAUSED", is_homed=False, is_busy=False)
     say(ros, state="ENABLED", is_homed=False, is_busy=True)
-    send(encoders, (0, 0, 0), (1000 * towards).astype(int))
+    send(encoders, (0, 0, 0), 1000 * TOWARDS)
     say(ros, state="ENABLED", is_homed=True, is_busy=False)
-    assert encoders._zero == pytest.approx(1000 * towards)
+    assert encoders._zero == pytest.approx(1000 * TOWARDS)
     assert not made.published
 
 

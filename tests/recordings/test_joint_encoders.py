@@ -146,12 +146,9 @@ def test_a_registration_that_cannot_be_is_refused(line):
             encoders.register()
 
 
-def test_refusals(tmp_path):
-    with (
-        pytest.raises(RecordingError, match="cannot be opened"),
-        JointEncoders(str(tmp_path / "x"), JOINT_ENCODERS),
-    ):
-        pass
+def test_a_port_or_encoders_that_are_not_there_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        JointEncoders(str(tmp_path / "x"), JOINT_ENCODERS).__enter__()
     with pytest.raises(RecordingError, match=r"its file needs \[\[encoders\]\]"):
         JointEncoders("x", ())
 

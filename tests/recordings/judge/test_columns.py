@@ -1,20 +1,80 @@
-"""Sensors that stand still: at their end, or for slack."""
+"""Single columns: clocks, wraps and jumps, missing truth, sensors that stand still."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from tests.recordings.judge.faults import added, changed, named, names, stuck
 
 from truejoint.recordings import DataCheck, Provenance, Recording, check_data
 
 
-def _jaw(truth: np.ndarray, measured: np.ndarray) -> DataCheck:
-    columns = {"t": np.arange(len(truth)) / 50, "measured/jaw": measured, "truth/jaw": truth}
+def _jaw(truth: np.ndarray, measured: np.ndarray, step: float = 0.02) -> DataCheck:
+    columns = {"t": step * np.arange(len(truth)), "measured/jaw": measured, "truth/jaw": truth}
     return check_data(Recording.from_columns(columns, "davinci_grasper"))
 
 
-def _names(check: DataCheck) -> set[str]:
-    return {finding.name for finding in check.findings if finding.level != "info"}
+@pytest.fixture(scope="module")
+def clean(recording_of: Callable[..., Recording]) -> Recording:
+    return recording_of("davinci_grasper", seconds=60, load=0.5, homing_id="h1")
+
+
+TURN = added(slice(700, None), 2 * np.pi)
+UNEVEN = np.cumsum(np.where(np.arange(1800) % 3 == 0, 0.06, 0.02))
+
+
+@pytest.mark.parametrize(
+    ("faults", "name", "level", "said"),
+    [
+        ({"t": UNEVEN}, "clock", "warn", "time stamps in .*: 33 % .* half off the median of 20 ms"),
+        ({"measured__jaw": TURN}, "wrap", "fail", "^measured/jaw in synthetic-0.csv: 1 whole turn"),
+        ({"truth__jaw": TURN}, "wrap", "fail", "^truth/jaw in synthetic-0.csv: 1 whole turn"),
+        ({"measured__jaw": added(slice(700, None), 1.0)}, "jump", "warn", "1 sudden jump,"),
+        ({"truth__jaw": stuck(400, 600)}, "frozen", "fail", "^truth/jaw .* repeats one value"),
+        (
+            {"measured__jaw": stuck(400, 600)},
+            "frozen",
+            "fail",
+            "^measured/jaw .* repeats one value",
+        ),
+        ({"truth__jaw": added(slice(1260, None), np.nan)}, "missing", "warn", "30 % of the rows"),
+        ({"truth__jaw": added(slice(1260, None), np.nan)}, "missing", "warn", "stops 18.0 s befo"),
+        ({"truth__jaw": added(slice(720, None), np.nan)}, "missing", "fail", "60 % of the rows"),
+        (
+            {"effort__jaw": np.full(1800, 0.5)},
+            "constant",
+            "warn",
+            "^effort/jaw .* 0.5 in every row",
+        ),
+    ],
+)
+def test_a_fault_of_a_column_is_named(clean, faults, name, level, said):
+    findings = named(check_data([changed(clean, **faults)]), name)
+    assert [f.level for f in findings if re.search(said, f.text)] == [level]
+
+
+def test_a_jump_of_the_truth_is_no_turn(clean):
+    assert not names(check_data([changed(clean, truth__jaw=added(slice(700, None), 1.0))])) & {
+        "jump",
+        "wrap",
+    }
+
+
+def test_a_gap_is_found(clean):
+    (finding,) = named(check_data([clean.rows(np.r_[:300, 360:1800])]), "gap")
+    assert finding.level == "warn"
+    assert finding.what.startswith("1 gap longer than 5 samples, up to 2.03 s")
+
+
+def test_a_constant_signal_of_an_unused_channel_is_no_finding(recording_of):
+    recording = recording_of("raven2")
+    unused = dict.fromkeys(("measured/unused", "effort/unused"), 0.0)
+    table, units = recording.table.assign(**unused), dict.fromkeys(unused, "1")
+    check = check_data([Recording(table, {**recording.units, **units}, recording.provenance)])
+    assert not named(check, "constant")
 
 
 MEASURED = 0.5 * np.sin(0.7 * np.arange(3000) / 50) + 0.1 * np.sin(1.9 * np.arange(3000) / 50)
@@ -22,7 +82,7 @@ MEASURED = 0.5 * np.sin(0.7 * np.arange(3000) / 50) + 0.1 * np.sin(1.9 * np.aran
 
 def test_a_saturated_sensor_is_found():
     check = _jaw(np.minimum(MEASURED, 0.4), MEASURED)
-    (finding,) = [f for f in check.findings if f.name == "saturated"]
+    (finding,) = named(check, "saturated")
     assert finding.level == "fail"
     assert finding.where.startswith("truth/jaw")
     first, behind = finding.rows[0]
@@ -34,35 +94,30 @@ def test_a_load_that_turns_a_standing_joint_is_no_saturation(setpoint, load):
     still = np.minimum.accumulate(np.append(np.linspace(0.5, 0.0, 600), np.zeros(600)))
     pushed = still - 0.2 * np.clip(np.arange(1200) / 200 - 4, 0.0, 1.0)
     columns = {"t": np.arange(1200) / 50, "measured/jaw": still, "truth/jaw": pushed}
-    told = {"setpoint/jaw": still} if setpoint else {}
+    sent = {"setpoint/jaw": still} if setpoint else {}
 
-    def names(extra: dict[str, np.ndarray], load: float) -> set[str]:
+    def found(extra: dict[str, np.ndarray], load: float) -> bool:
         origin = Provenance("davinci_grasper", load=load)
-        return _names(check_data(Recording.from_columns({**columns, **extra}, origin)))
+        check = check_data(Recording.from_columns({**columns, **extra}, origin))
+        return "saturated" in names(check)
 
-    assert "saturated" not in names(told, load)
-    assert "saturated" in names({}, 0.0), "the case shows nothing"
-    assert "saturated" in names({"setpoint/jaw": pushed}, load), "a motor that was sent on"
+    assert not found(sent, load)
+    assert found({}, 0.0), "the case shows nothing"
+    assert found({"setpoint/jaw": pushed}, load), "a motor that was sent on"
 
 
-def test_slack_is_no_saturation():
+def test_slack_or_a_coarse_encoder_is_no_saturation():
     """With play the joint stands at its end while the motor side turns back."""
     truth, place = np.empty(len(MEASURED)), 0.0
     for k, value in enumerate(MEASURED):
         place = min(max(place, value - 0.05), value + 0.05)
         truth[k] = place
-    assert "saturated" not in _names(_jaw(truth, MEASURED))
-
-
-def test_a_coarse_encoder_is_no_saturation():
-    assert "saturated" not in _names(_jaw(np.round(MEASURED / 0.01) * 0.01, MEASURED))
+    for joint in (truth, np.round(MEASURED / 0.01) * 0.01):
+        assert "saturated" not in names(_jaw(joint, MEASURED))
 
 
 @pytest.mark.parametrize(
     ("step", "suspected"), [(1e5, True), (100.0, True), (10.0, True), (0.01, False), (10.5, False)]
 )
 def test_stamps_in_milliseconds_are_suspected(step, suspected):
-    columns = {"t": step * np.arange(500), "measured/jaw": MEASURED[:500]}
-    columns["truth/jaw"] = MEASURED[:500]
-    check = check_data(Recording.from_columns(columns, "davinci_grasper"))
-    assert ("rate" in _names(check)) == suspected
+    assert ("rate" in names(_jaw(MEASURED[:500], MEASURED[:500], step))) == suspected

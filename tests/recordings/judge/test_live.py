@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.local_ros import LocalRos
-from tests.recordings.judge.faults import by_heading, stuck, unset
+from tests.recordings.judge.faults import by_heading, changed, of_quantity, stuck
 from tests.recordings.said import PROFILE, START, STATE, SaidRos, told_session
 
 from truejoint.crtk.messages import (
@@ -40,17 +40,13 @@ def judged(ros: SaidRos, recording: Recording, **how: Any) -> DataCheck:
     return link.diagnose()
 
 
-def lossy(recording: Recording) -> Recording:
-    return recording.rows(np.r_[:400, 440:900])
-
-
 @pytest.mark.parametrize(
     ("fault", "name", "level"),
     [
         (lambda r: r, "effort", "good"),
-        (unset, "effort", "fail"),
-        (lambda r: stuck(r, 300, 700), "frozen signal", "fail"),
-        (lossy, "lost messages", "warn"),
+        (lambda r: of_quantity(r, "effort", np.zeros_like), "effort", "fail"),
+        (lambda r: changed(r, truth__elbow=stuck(300, 700)), "frozen signal", "fail"),
+        (lambda r: r.rows(np.r_[:400, 440:900]), "lost messages", "warn"),
     ],
 )
 def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, fault, name, level):

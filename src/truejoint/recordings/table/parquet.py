@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -15,7 +15,8 @@ import pyarrow.parquet as pq
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError, words
 from truejoint.files import check_ending, content_hash, is_as_written, write_atomically
-from truejoint.recordings.bounded_file import MAX_VALUES, Allowance, require_file
+from truejoint.recordings.bounded_file import MAX_VALUES, Allowance, DamagedError, require_file
+from truejoint.recordings.table.parquet_pages import page_sizes
 from truejoint.recordings.table.recording import Provenance, Recording, as_recording
 from truejoint.robots import Robot, robot_of
 
@@ -155,7 +156,7 @@ def _read(source: Path) -> tuple[dict[str, Any], dict[str, Array]]:
                 raw, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
             ) as file,
         ):
-            check_size(source, file)
+            _check_size(source, file.metadata, raw)
             header = _check_schema(source, file.schema_arrow)
             table = file.read(use_threads=False)
         columns = {name: table[name].to_numpy() for name in table.column_names}
@@ -164,7 +165,7 @@ def _read(source: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             f"{source}: takes more memory than there is; close other programs, or read it where "
             "there is more"
         ) from None
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+    except (pa.ArrowException, DamagedError, OSError, UnicodeDecodeError) as error:
         raise RecordingError(
             f"{source}: is not a whole Parquet file ({words(error)}); "
             "it was cut short or damaged: copy or record it again"
@@ -177,16 +178,20 @@ def _read(source: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     return header, columns
 
 
-def check_size(source: Path, file: Any) -> None:
-    """Refuse, with RecordingError, a Parquet file of more than is read."""
-    metadata = file.metadata
+def _check_size(source: Path, metadata: Any, file: BinaryIO) -> None:
+    """Refuse, with RecordingError, a Parquet file of more than is read, by metadata and pages."""
     values = metadata.num_rows * metadata.num_columns
     if metadata.num_columns > _MAX_COLUMNS or values > MAX_VALUES:
         raise RecordingError(
             f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
             f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
         )
-    Allowance.of_size(source, source.stat().st_size).take(8 * values)
+    groups = map(metadata.row_group, range(metadata.num_row_groups))
+    of_chunks = sum(g.column(k).num_values for g in groups for k in range(metadata.num_columns))
+    for sizes in ([8 * max(values, of_chunks)], page_sizes(file, metadata)):
+        room = Allowance.of_size(source, source.stat().st_size)
+        for size in sizes:
+            room.take(size)
 
 
 def _check_schema(source: Path, schema: Any) -> dict[str, Any]:

@@ -169,13 +169,6 @@ def test_what_cannot_be_read_is_said(topic, said):
     assert "\n" not in str(caught.value)
 
 
-def test_lists_of_a_type_that_holds_itself_are_counted_as_damage():
-    topic = Topic("/t", "own/loop", "own/loop[1] again\n", "ros1")  # takes up no byte
-    decoder = Decoder(topic, ())
-    assert not list(decoder.decode([0], [b""]))
-    assert decoder.damaged == 1
-
-
 def test_a_stamp_without_nanoseconds_is_none():
     text = "own/head header\n" + "=" * 80 + "\nMSG: own/head\nown/when stamp\n" + "=" * 80
     text += "\nMSG: own/when\nuint32 sec\n"

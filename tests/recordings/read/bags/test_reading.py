@@ -100,36 +100,21 @@ def test_the_left_arm_is_where_the_profile_says(bag, session):
     assert re.search(r"; added to the truth \[rad or m\]: .*\+0.1309 to elbow", notes)
 
 
-@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
-def test_topics_are_counted_by_the_index_or_by_reading(session, tmp_path, monkeypatch, suffix):
-    path = tmp_path / f"run{suffix}"
-    write_bag(session, path)
-    if suffix == ".bag":  # which has an index: nothing of it is read through
-        monkeypatch.setattr(container, "read_batches", None)
-    topics = bag_topics(path)
-    assert topics["/ravenstate"][1] == topics["/arm2/measured_js"][1] == len(session)
-    assert topics["/ext_jpos"][1] == len(session)
-
-
 def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
     names, wiring = {"name": ("jaw",)}, assembling.Wiring("/measured_js", ("/setpoint_js",))
     lots = []
-    for topic, count in (("/measured_js", 40), ("/setpoint_js", 30)):
-        rows = np.arange(count)
+    for topic, rows in (("/measured_js", np.arange(40)), ("/setpoint_js", np.arange(30))):
         lots.append(Lot(topic, rows, rows * 10**7 + 1, {"position": rows[:, None] / 40}, names))
-    robot = get_robot("davinci_grasper")
-    origin = Provenance(robot.name)
+    robot, origin = get_robot("davinci_grasper"), Provenance("davinci_grasper")
     recording = assembling.assemble(lots, robot, wiring, ("measured",), origin, {}, "here")
     assert len(recording) == 30
     assert recording.provenance.dropped == {"state: value missing in one of its topics": 10}
 
 
-def test_of_many_topics_a_message_lists_thirty():
-    assert assembling.listed({}) == "there are none"
-    topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(31)}
-    assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
-    topics.pop("/30")
-    assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29)")
+@pytest.mark.parametrize(("count", "end"), [(0, "there are none"), (30, "29)"), (31, "29), ...")])
+def test_of_many_topics_a_message_lists_thirty(count, end):
+    topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(count)}
+    assert assembling.listed(topics).endswith(end)
 
 
 def _messages(path: Path) -> list[tuple[Any, int, bytes]]:
@@ -288,15 +273,7 @@ def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix, shar
         path = _rewritten(path, tmp_path / "small.bag")
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    said = ""
-    try:
-        found = read_bag(path)
-    except RecordingError as error:
-        said = str(error)
-    if said:  # one packed chunk, of which nothing unpacks
-        assert suffix == ".mcap"
-        assert "no message" in said or "which robot" in said
-        return
+    found = read_bag(path)
     assert 0.5 * share * len(session) < len(found) < len(session)
     np.testing.assert_allclose(found.t, session.t[: len(found)], rtol=0, atol=1e-9)
     assert any("cut short" in reason for reason in found.provenance.dropped)
@@ -438,28 +415,22 @@ def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_
 
 
 def test_a_real_bag_of_a_dvrk():
-    path = _real()
+    copies = [folder / "dvrk_psm_jhu_bag" / REAL for folder in data_folders()]
+    path = next((copy for copy in copies if copy.exists()), None)
+    if path is None:
+        pytest.skip(f"no {REAL} on this machine (TRUEJOINT_DATA)")
     found = read_bag(path, "dvrk_psm")
     assert len(found) > 3400
     assert found.provenance.rates["state"] == pytest.approx(99.3, abs=0.5)
-    assert found.joints_of("measured") == found.joints_of("setpoint") == found.joints_of("effort")
+    joints = found.joints_of("measured")
+    assert joints == found.joints_of("setpoint") == found.joints_of("effort")
     with highlevel.AnyReader([path]) as reader:
         connections = [c for c in reader.connections if c.topic == "/PSM2/measured_js"]
         message = [reader.deserialize(d, c.msgtype) for c, _, d in reader.messages(connections)][1]
-    np.testing.assert_array_equal(
-        found.columns("measured", found.joints_of("measured"))[0], message.position
-    )
+    np.testing.assert_array_equal(found.columns("measured", joints)[0], message.position)
     stamps, fields = read_topic(path, "/PSM2/measured_cp", ["pose.position.x"])
     assert fields["pose.position.x"].shape == (3420, 1)
     assert (np.diff(stamps) > 0).all()
-
-
-def _real() -> Path:
-    for folder in data_folders():
-        path = folder / "dvrk_psm_jhu_bag" / REAL
-        if path.exists():
-            return path
-    pytest.skip(f"no {REAL} on this machine (TRUEJOINT_DATA)")
 
 
 @pytest.mark.parametrize(
