@@ -326,16 +326,6 @@ def test_what_only_works_offline_is_not_chosen():
     assert told(model)["SVR"]["note"].startswith("only works offline")
 
 
-def test_other_features_are_tried_beside_those_asked_for():
-    recordings = [bent(seed, 0.2) for seed in range(3)]
-    usual = Automatic([Polynomial(2)], default_features=True)
-    model = calibrate(recordings, usual, features=["effort/jaw"])
-    assert model.feature_set.names == ("measured/jaw", "effort/jaw")
-    tried = model.metadata["choice"]["tried"]
-    assert [len(trial["features"]) for trial in tried] == [1, 1, 1, 1, 2]
-    assert tried[0]["ratio"] == 1.0
-
-
 def with_current(seed: int) -> Recording:
     """Jaw whose error follows the motor's current."""
     recording = bent(seed, 0.0)
@@ -431,13 +421,6 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
     assert len(set(seen)) > 5  # parts left out, each with its candidates, then the fit
     assert seen[-1] == 1.0
     assert set(told(model)) == {"linear", "offset", "raw", "poly2_ridge"}
-
-
-def test_the_registry_says_what_is_tried():
-    names = [one.name for one in candidates()]
-    rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "run_out"]
-    smooth, made = ["gp", "gp_lowpass"], ["play_gated", "hybrid", "hybrid_cables"]
-    assert names == ["offset", "linear", "poly2_ridge", *rich, *smooth, *made]
 
 
 def test_what_takes_columns_that_recordings_lack_is_passed_by():

@@ -14,6 +14,7 @@ from tests.synthetic import build_recording
 
 from truejoint.calibration import Calibration, calibrate, cross_interval, folds
 from truejoint.calibration.conformal import conformal_threshold
+from truejoint.calibration.interval import GROWTH
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 
@@ -29,6 +30,11 @@ def unknowing(recordings: list[Recording]) -> list[list[Calibration]]:
     return found
 
 
+def widening(fit: Calibration, recording: Recording) -> np.ndarray:
+    """How much wider an interval is outside the range of a fit (n,)."""
+    return 1.0 + GROWTH * fit.range_excess(recording)
+
+
 def inside(model, recordings):
     """Share of the samples that lie within the 90 % interval, mean over recordings."""
     shares = []
@@ -41,14 +47,15 @@ def inside(model, recordings):
 
 def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
     recordings = [bent(seed, 0.2) for seed in range(12)]
-    model = cross_interval(recordings, "linear", growth=0.0)
+    model = cross_interval(recordings, "linear")
     assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (12, 5, 0)
     assert model.interval.levels.tolist() == [0.8, 0.9]
-    scores = [
-        [np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0] for fit in fits]
-        for one, fits in zip(recordings, unknowing(recordings), strict=True)
-    ]
-    expected = conformal_threshold(list(map(np.concatenate, scores)), 0.9)
+    scores = []
+    for one, fits in zip(recordings, unknowing(recordings), strict=True):
+        left = [np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0] for fit in fits]
+        wider = [widening(fit, one) for fit in fits]
+        scores.append(np.concatenate(left) / np.concatenate(wider))
+    expected = conformal_threshold(scores, 0.9)
     assert model.interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
     plain = calibrate(recordings, "linear")
     np.testing.assert_array_equal(model.correct(recordings[0]), plain.correct(recordings[0]))
@@ -69,7 +76,7 @@ def test_one_recording_is_cut_into_parts():
 @pytest.mark.parametrize(("count", "each"), [(2, 8), (4, 5)])
 def test_a_few_recordings_are_cut_and_left_out_whole(count, each):
     recordings = [bent(seed, 0.2) for seed in range(count)]
-    model = cross_interval(recordings, "poly2", growth=0.0)
+    model = cross_interval(recordings, "poly2")
     interval = model.interval
     assert (interval.trajectories, interval.folds) == (count * each, count)
     assert (interval.cut, interval.whole) == (count, count)
@@ -78,7 +85,8 @@ def test_a_few_recordings_are_cut_and_left_out_whole(count, each):
         fit = calibrate([other for other in recordings if other is not one], "poly2")
         error = (one.error(["jaw"]) - fit.predict_error(one))[:, 0]
         squares.append(error.var())
-        scores += [np.abs(error[part.first : part.end]) for part in folds.blocks([one], each)]
+        score = np.abs(error) / widening(fit, one)
+        scores += [score[part.first : part.end] for part in folds.blocks([one], each)]
     expected = conformal_threshold(scores, 0.9)
     assert interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
     assert f"lie outside altogether in 1 of {count + 1} cases" in interval.meaning
@@ -157,7 +165,7 @@ def test_no_less_than_stated_is_covered_on_average():
 
 
 @pytest.mark.parametrize(
-    ("how", "said"), [({"levels": [0.999]}, "too few"), ({"growth": -1.0}, "growth")]
+    ("how", "said"), [({"levels": [0.999]}, "too few"), ({"levels": []}, "give a level")]
 )
 def test_what_cannot_be_stated_is_refused(how, said):
     with pytest.raises(CalibrationError, match=said):

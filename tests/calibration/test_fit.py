@@ -72,12 +72,6 @@ def test_baselines_are_those_fitted_to_the_same_rows(build):
         np.testing.assert_array_equal(baseline.correct(test), own.correct(test))
 
 
-def test_offset_is_the_mean_error(recording):
-    calibration = calibrate(recording, "offset", joints=["elbow"])
-    expected = recording.error(["elbow"]).mean(axis=0)
-    np.testing.assert_allclose(calibration.predict_error(recording)[0], expected)
-
-
 def test_metadata_says_where_it_comes_from(build):
     first, second = build(1200, 0), build(1300, 1, homing_id="h2")
     truth = second.column("truth/elbow").copy()
@@ -257,6 +251,3 @@ def test_wrong_choices_are_refused(recording):
 def test_counted_samples_need_one_rate(build):
     refused("every 0.01", [build(1500), build(1500, rate=100.0)],
             features=["measured/elbow", "lag(measured/elbow, 2)"])  # fmt: skip
-
-
-JAW = ("measured/jaw", "effort/jaw")

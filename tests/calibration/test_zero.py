@@ -30,7 +30,6 @@ from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.features import FeatureSet
 from truejoint.recordings import Recording
-from truejoint.runtime import Corrector
 
 FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
 
@@ -47,6 +46,11 @@ def homed_again(recording: Recording, offset: np.ndarray, known: slice) -> Recor
 
 
 SMALL = NeuralNetwork(hidden_layer_sizes=(8,), epochs=3)
+
+
+@pytest.fixture(scope="module")
+def linear(recording) -> Calibration:
+    return calibrate(recording, "linear", features=FEATURES)
 
 
 @pytest.mark.parametrize("estimator", ["offset", "linear", "poly2", SMALL], ids=str)
@@ -75,38 +79,34 @@ def test_an_estimator_of_several_joints_moves_by_the_offset_and_nothing_else(
     assert again.correct(test).tobytes() == moved.correct(test).tobytes()
 
 
-def test_a_few_wrong_readings_do_not_move_the_zero(build, recording):
-    calibration = calibrate(recording, "linear", features=FEATURES)
+def test_a_few_wrong_readings_do_not_move_the_zero(build, linear):
     brief = homed_again(build(300, 4), np.zeros(3), slice(0, 100))
     table = brief.table.copy()
-    table.loc[::10, [f"truth/{j}" for j in calibration.joints]] += 1.0
+    table.loc[::10, [f"truth/{j}" for j in linear.joints]] += 1.0
     wrong = Recording(table, brief.units, brief.provenance)
-    shift = find_zero(calibration, wrong).offset - find_zero(calibration, brief).offset
+    shift = find_zero(linear, wrong).offset - find_zero(linear, brief).offset
     assert np.abs(shift).max() < 2e-3  # their mean moves by 0.1: a tenth is 1 rad off
 
 
-def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
-    calibration = calibrate(recording, "linear", features=FEATURES)
-    known = calibration.effort_baseline
+def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, linear):
+    known = linear.effort_baseline
     none = replace(known, beginning=np.full_like(known.beginning, 1e-12))
-    calibration = replace(calibration, effort_baseline=none)
+    linear = replace(linear, effort_baseline=none)
     brief = homed_again(build(300, 4), np.zeros(3), slice(0, 60))
-    zero = find_zero(calibration, brief)
+    zero = find_zero(linear, brief)
     rng = np.random.default_rng(0)
-    measured = brief.columns("measured", calibration.joints)[:60]
+    measured = brief.columns("measured", linear.joints)[:60]
     in_motion = time_in_motion(np.array(brief.t[:60]), measured, known.step)
     for k in range(3):
-        size = calibration.effort_baseline.residual[k]
-        time = CORRELATION_MARGIN * calibration.effort_baseline.correlation[k]
+        size = linear.effort_baseline.residual[k]
+        time = CORRELATION_MARGIN * linear.effort_baseline.correlation[k]
         t = in_motion[:, k]
         covariance = size**2 * np.exp(-np.abs(t[:, None] - t) / time)
         means = rng.multivariate_normal(np.zeros(60), covariance, 4000).mean(axis=1)
         assert zero.deviation[k] == pytest.approx(means.std(), rel=0.06)
     one = homed_again(build(300, 4), np.zeros(3), slice(7, 8))
-    assert find_zero(calibration, one).deviation == pytest.approx(
-        calibration.effort_baseline.residual
-    )
-    bare = replace(calibration, effort_baseline=None)
+    assert find_zero(linear, one).deviation == pytest.approx(linear.effort_baseline.residual)
+    bare = replace(linear, effort_baseline=None)
     assert np.isnan(find_zero(bare, one).deviation).all()
     assert np.isnan(bare.at(find_zero(bare, one)).zero.deviation).all()
 
@@ -271,8 +271,8 @@ def test_a_beginning_that_shows_nothing_is_as_the_next_one_that_does():
     assert _root_mean_square(off[:0]).tolist() == [[0.0]] * len(BEGINNINGS)
 
 
-def test_a_model_that_errs_nowhere_is_kept_in_a_file_too(recording, tmp_path):
-    model = calibrate(recording, "linear", features=FEATURES)
+def test_a_model_that_errs_nowhere_is_kept_in_a_file_too(recording, linear, tmp_path):
+    model = linear
     columns = {f"truth/{j}": model.correct(recording)[:, k] for k, j in enumerate(model.joints)}
     right = replace(recording, table=recording.table.assign(**columns))
     path = tmp_path / "m.safetensors"
@@ -282,18 +282,17 @@ def test_a_model_that_errs_nowhere_is_kept_in_a_file_too(recording, tmp_path):
     assert (known.beginning < 1e-12).all()
 
 
-def test_an_offset_of_a_beginning_is_as_sure_as_beginnings_of_the_training_are(build, recording):
-    calibration = calibrate(recording, "linear", features=FEATURES)
-    known = calibration.effort_baseline
+def test_an_offset_of_a_beginning_is_as_sure_as_beginnings_of_the_training_are(build, linear):
+    known = linear.effort_baseline
     spread = 0.5 / np.sqrt(BEGINNINGS)[:, None] * np.ones(3)
     wide = replace(known, beginning=spread)
     for duration, worth in ((2.0, 2.0), (5.0, 5.0), (80.0, 80.0), (0.0, BEGINNINGS[0])):
         times = np.full(3, duration)
         assert wide.beginning_sd(times) == pytest.approx(0.5 / np.sqrt(worth) * np.ones(3))
-    zero = find_zero(replace(calibration, effort_baseline=wide), build(300, 4), 2.0)
+    zero = find_zero(replace(linear, effort_baseline=wide), build(300, 4), 2.0)
     assert zero.deviation == pytest.approx(0.5 / np.sqrt(2.0) * np.ones(3), rel=0.03)
     assert zero.shift.tolist() == [0.0, 0.0, 0.0]
-    plain = find_zero(calibration, build(300, 4), 2.0)
+    plain = find_zero(linear, build(300, 4), 2.0)
     assert (plain.deviation < 0.1 * zero.deviation).all()
     np.testing.assert_array_equal(plain.offset, zero.offset)
 
@@ -338,13 +337,12 @@ def test_readings_weigh_by_the_past_before_them_where_the_model_looks_back(build
         assert offset == error[order, k][np.searchsorted(reached, 0.5 * reached[-1])]
 
 
-def test_without_truth_it_is_refused(build, recording):
-    calibration = calibrate(recording, "linear", features=FEATURES)
+def test_without_truth_it_is_refused(recording, linear):
     with pytest.raises(CalibrationError, match="brief: no row has the truth of shoulder, elbow"):
-        calibration.at(find_zero(calibration, homed_again(recording, np.zeros(3), slice(0, 0))))
+        linear.at(find_zero(linear, homed_again(recording, np.zeros(3), slice(0, 0))))
     bare = recording.table.drop(columns=["truth/elbow"])
     with pytest.raises(CalibrationError, match="synthetic-0 has no truth of elbow"):
-        find_zero(calibration, Recording(bare, recording.units, recording.provenance))
+        find_zero(linear, Recording(bare, recording.units, recording.provenance))
 
 
 START = 2.0  # [s] of truth that re-zeroes
@@ -454,20 +452,11 @@ def test_what_has_no_zeros_of_its_own_is_refused(build):
 
 def test_the_loop_runs_the_fit_for_motions_that_begin_with_a_zero(pair, build):
     _, moved, _ = pair
-    model = calibrate(moved, "linear", features=FEATURES, zero="recording")
-    test = homed_again(build(300, 4), np.array([0.1, -0.2, 0.03]), slice(0, 60))
-    own = model.for_rezeroing
-    corrector = Corrector(own, range_margin=1.0)
-    corrector.set_homing(True)
-    plain = Corrector(model, range_margin=1.0)
-    plain.set_homing(True)
-    samples = test.table[list(model.signals)].to_numpy()
-    measured = test.columns("measured", model.joints)
-    for i in np.flatnonzero(test.t - test.t[0] < START):
-        corrector.step(test.t[i], samples[i])
-        plain.step(test.t[i], samples[i])
-    np.testing.assert_array_equal(measured[i] + corrector.correction, own.correct(test)[i])
-    np.testing.assert_array_equal(measured[i] + plain.correction, model.correct(test)[i])
+    model, test = calibrate(moved, "linear", features=FEATURES, zero="recording"), build(300, 4)
+    for fitted in (model, model.for_rezeroing):
+        trace = ready(fitted, range_margin=1.0).run(test.rows(slice(0, 60)))
+        np.testing.assert_array_equal(trace.position, fitted.correct(test)[:60])
+    assert not np.allclose(model.correct(test), model.for_rezeroing.correct(test))
 
 
 def test_a_zero_that_is_none_is_refused(pair, tmp_path):

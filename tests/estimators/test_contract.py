@@ -194,12 +194,11 @@ def test_an_interval_holds_on_what_it_is_not_made_of(name):
     calibration, recording = model(name), unseen(name)
     other = replace(recording, provenance=replace(recording.provenance, session="unseen"))
     parts = [part_by_time(other, k / 18, (k + 1) / 18) for k in range(18)]
-    stated = with_interval(calibration, parts[::2], growth=0.0)
-    errors = [
-        np.abs(one.columns("truth", calibration.joints) - calibration.correct(one))
-        for one in parts[::2]
-    ]
-    shares = []
+    stated, errors, shares = with_interval(calibration, parts[::2]), [], []
+    for one in parts[::2]:
+        widening = 1.0 + stated.interval.growth * calibration.range_excess(one)
+        error = np.abs(one.columns("truth", calibration.joints) - calibration.correct(one))
+        errors.append(error / widening[:, None])
     largest = np.nanmax(np.concatenate(errors), axis=0)  # 90 % of nine trajectories
     np.testing.assert_allclose(stated.interval.half_width(0.9), largest, rtol=1e-9)
     for part in parts[1::4]:

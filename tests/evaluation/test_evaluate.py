@@ -12,6 +12,7 @@ from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.evaluation import evaluate
 from truejoint.evaluation.evaluate import part_by_time, split_sides, unique_names
+from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.results import TOOL
 from truejoint.evaluation.scoring import WINDOW
 from truejoint.recordings import Provenance, Recording, check_data
@@ -109,6 +110,17 @@ def test_the_dictionary_is_json_without_nan(case):
     assert values["worst"][0]["recording"] in {t["name"] for t in values["test"]}
 
 
+def test_stretches_of_a_comparison_end_where_their_recording_does(case):
+    _, _, evaluation = case
+    parts = [part for _, part in evaluation.errors.groupby(level=0, sort=False)]
+    moves = evaluation.rows["direction"].groupby(level=0, sort=False)
+    least = cycle_rows([part.to_numpy() for _, part in moves])
+    for row in evaluation.comparisons.itertuples():
+        own, other = ([p[n, row.joint].to_numpy() for p in parts] for n in ("dnn", row.estimator))
+        found = compare(own, other, least)
+        assert (row.outcome, row.stretches) == (found.outcome, found.stretches)
+
+
 def test_worst_stretches_come_worst_first(case):
     _, _, evaluation = case
     limits = {joint.joint: joint.limit for joint in evaluation.verdict.joints}
@@ -118,7 +130,7 @@ def test_worst_stretches_come_worst_first(case):
     assert (worst.end - worst.start).between(0, WINDOW, inclusive="right").all()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def grasper(recording_of, calibration_of):
     train = [recording_of("davinci_grasper", seed=i) for i in range(2)]
     return calibration_of(train), recording_of("davinci_grasper", seed=5)
@@ -129,7 +141,7 @@ def test_rows_without_truth_are_left_out_after_correcting_all(grasper):
     table = test.table.copy()
     table.loc[100:499, "truth/jaw"] = np.nan
     gappy = replace(test, table=table)
-    evaluation = evaluate({"dnn": [calibration]}, [gappy])
+    evaluation = evaluate({"dnn": calibration}, gappy)
     known = np.isfinite(gappy.column("truth/jaw"))
     error = (calibration.correct(test) - test.columns("truth", ["jaw"]))[known, 0]
     assert evaluation.score("dnn", "jaw").rmse == pytest.approx(np.sqrt(np.mean(error**2)))
@@ -141,9 +153,9 @@ def test_rows_without_truth_are_left_out_after_correcting_all(grasper):
 
 def test_a_chosen_baseline_takes_its_place_in_the_table(grasper):
     calibration, test = grasper
-    evaluation = evaluate({"linear": [calibration]}, [test])
+    evaluation = evaluate({"linear": calibration}, test)
     assert evaluation.estimators == ("raw", "offset", "linear", "poly2")
-    own = evaluate({"dnn": [calibration]}, [test]).score("dnn", "jaw").rmse
+    own = evaluate({"dnn": calibration}, test).score("dnn", "jaw").rmse
     assert evaluation.score("linear", "jaw").rmse == own
 
 
@@ -181,7 +193,7 @@ def test_what_cannot_be_judged_is_refused(grasper, recording_of):
         (good, [test], {"rezero": -1.0}, "time to re-zero from is -1.0 s"),
         (good, [test], {"rezero": np.nan}, "is nan s"),
         (good, [test], {"rezero": 60.0}, "after the 60 s that re-zero it; a test"),
-        (good, [test, recording_of("bros")], {}, "one arm at a time"),
+        (good, [test, recording_of("bros")], {}, "; take recordings of one arm alone"),
         (good | {"other": [other]}, [test], {}, "wrist but dnn corrects jaw"),
         (good, [blind], {}, "synthetic-5.csv: 0 rows have the truth of jaw"),
         ({"dnn": [broken]}, [test], {}, "dnn gives no number for row 0"),
@@ -196,12 +208,12 @@ def test_a_missing_jaw_does_not_hide_the_tool(recording_of, calibration_of):
     train, test = recording_of("raven2", seed=0), recording_of("raven2", seed=1)
     calibration = calibration_of([train])
     jaws = ["measured/jaw1", "measured/jaw2"]
-    whole = evaluate({"dnn": [calibration]}, [test])
+    whole = evaluate({"dnn": calibration}, test)
     without = evaluate({"dnn": [calibration]}, [replace(test, table=test.table.drop(columns=jaws))])
     tool, same = (found.scores.query("joint == @TOOL").rmse for found in (whole, without))
     np.testing.assert_allclose(tool, same, rtol=1e-9)
     lame = replace(test, table=test.table.drop(columns="measured/wrist"))
-    note = evaluate({"dnn": [calibration]}, [lame]).cartesian_note
+    note = evaluate({"dnn": calibration}, lame).cartesian_note
     assert "lacks the measured position of wrist" in note
 
 
@@ -209,7 +221,7 @@ def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(recor
     train = [recording_of("raven2", seed=i, source=f"{i}.csv", homing_id="h1") for i in range(2)]
     test = recording_of("raven2", seed=9, source="9.csv", homing_id="h2")
     calibration = calibrate(train, "linear")
-    evaluation = evaluate({"linear": [calibration]}, [test])
+    evaluation = evaluate({"linear": calibration}, test)
     assert evaluation.estimators == ("raw", "offset", "linear", "poly2")
     for j, joint in enumerate(calibration.joints):
         offset = np.concatenate([r.error([joint]) for r in train]).mean()
@@ -234,7 +246,7 @@ def test_names_of_recordings_are_short_and_unique():
 def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(grasper):
     calibration, test = grasper
     moved = replace(test, table=test.table.assign(**{"truth/jaw": test.table["truth/jaw"] + 0.1}))
-    found = evaluate({"dnn": [calibration]}, [moved], rezero=2.0)
+    found = evaluate({"dnn": calibration}, moved, rezero=2.0)
     start = moved.t < 2.0
     for name, model in (("dnn", calibration), ("offset", calibration.baselines["offset"])):
         error = find_zero(model, moved, 2.0).shift + model.correct(moved)
@@ -268,7 +280,7 @@ def test_re_zeroing_that_harms_is_told(grasper):
     biased = replace(
         test, table=test.table.assign(**{"truth/jaw": test.column("truth/jaw") + slow})
     )
-    remark = evaluate({"dnn": [calibration]}, [biased], rezero=2.0).verdict.remarks[0]
+    remark = evaluate({"dnn": calibration}, biased, rezero=2.0).verdict.remarks[0]
     assert remark.startswith("Re-zeroing from the first 2 s of each recording harms: jaw 2.")
 
 

@@ -42,15 +42,8 @@ def motion(seed, *, homing="", shift=0.0, load=np.nan):
             f"effort/{joint}": np.cos(t) + rng.normal(0, 0.1, len(t)),
             f"truth/{joint}": position + 0.02 * (position - 0.4) + shift + noise,
         }
-    origin = Provenance(
-        "raven2",
-        arm="left",
-        source=f"m{seed}.parquet",
-        session=str(seed),
-        homing_id=homing,
-        load=load,
-    )
-    return Recording.from_columns(columns, origin)
+    about = {"source": f"m{seed}.parquet", "session": str(seed), "homing_id": homing, "load": load}
+    return Recording.from_columns(columns, Provenance("raven2", "left", **about))
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +59,9 @@ def one_homing(calibration):
 
 @pytest.fixture(scope="module")
 def many_homings(calibration):
-    recordings = [
-        motion(seed, homing=f"h{seed}", shift=2e-3 * np.sin(seed)) for seed in range(10, 22)
-    ]
-    return with_interval(calibration, recordings)
+    shifts = {seed: 2e-3 * np.sin(seed) for seed in range(10, 22)}
+    homed = [motion(seed, homing=f"h{seed}", shift=shift) for seed, shift in shifts.items()]
+    return with_interval(calibration, homed)
 
 
 @pytest.fixture(scope="module")
@@ -77,21 +69,27 @@ def stated(calibration):
     return with_interval(calibration, [motion(seed) for seed in range(10, 22)])
 
 
-def test_every_level_and_joint_is_stated(stated):
-    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
+@pytest.fixture(scope="module")
+def pair(stated):
+    """Evaluation of two recordings, and its page."""
+    found = evaluate(stated, [motion(30), motion(31)])
+    return found, render_report(found)
+
+
+def test_every_level_and_joint_is_stated(pair):
+    found, _ = pair
     assert found.intervals[["level", "joint", "unit"]].to_numpy().tolist() == [
         [level, joint, "m" if joint == "insertion" else "rad"]
         for level in (0.8, 0.9)
         for joint in JOINTS
     ]
-    assert (found.intervals.half_width < found.intervals.offset_half_width).all()
     assert found.to_dict()["intervals"][0]["level"] == 0.8
     assert "after the homing of its 12 trajectories only" in found.interval_note
 
 
 def test_coverage_equals_that_of_the_estimators_package(many_homings):
     tests = [motion(seed, homing=f"h{seed}", shift=3e-3) for seed in (30, 31, 32)]
-    found = evaluate({"linear": [many_homings]}, tests)
+    found = evaluate(many_homings, tests)
     for level in many_homings.interval.levels:
         shares = inside(many_homings, tests, level)
         rows = found.intervals[found.intervals.level == level]
@@ -105,7 +103,7 @@ def test_coverage_equals_that_of_the_estimators_package(many_homings):
 
 def test_recordings_after_one_homing_count_as_one_where_any_homing_may_come(many_homings):
     tests = [motion(30, homing="a"), motion(31, homing="a"), motion(32, homing="b")]
-    found = evaluate({"linear": [many_homings]}, tests)
+    found = evaluate(many_homings, tests)
     assert found.interval_trajectories == ("homing a", "homing b")
     apart = inside(many_homings, tests, 0.9)
     for k, shares in enumerate(found.intervals[found.intervals.level == 0.9].shares):
@@ -114,14 +112,14 @@ def test_recordings_after_one_homing_count_as_one_where_any_homing_may_come(many
 
 def test_a_homing_that_the_interval_does_not_hold_for_gives_no_number(one_homing):
     tests = [motion(30, homing="h2", shift=0.01), motion(31, homing="h1")]
-    found = evaluate({"linear": [one_homing]}, tests)
+    found = evaluate(one_homing, tests)
     assert found.interval_trajectories == ("m31.parquet",)
     (objection,) = found.interval_objections
     assert "not judged on m30.parquet: the interval holds after the homing h1, not" in objection
     known = found.rows["lower"].notna().all(axis=1).groupby(level=0)
     assert known.all().to_dict() == {"m30.parquet": False, "m31.parquet": True}
     assert not known.any()["m30.parquet"]
-    alone = evaluate({"linear": [one_homing]}, tests[:1])
+    alone = evaluate(one_homing, tests[:1])
     assert alone.intervals.empty
     assert "holds after the homing h1, not after another" in render_report(alone)
     assert "found inside" not in render_report(alone)
@@ -130,13 +128,13 @@ def test_a_homing_that_the_interval_does_not_hold_for_gives_no_number(one_homing
 def test_after_rezeroing_the_interval_of_one_homing_goes_with_the_new_one(one_homing):
     again = one_homing.at(find_zero(one_homing, motion(40, homing="h2", shift=0.01)))
     tests = [motion(30, homing="h2", shift=0.01), motion(31, homing="h1")]
-    assert evaluate({"linear": [again]}, tests).interval_trajectories == ("m30.parquet",)
-    verdict = evaluate({"linear": [again]}, [motion(40, homing="h2", shift=0.01)]).verdict
+    assert evaluate(again, tests).interval_trajectories == ("m30.parquet",)
+    verdict = evaluate(again, [motion(40, homing="h2", shift=0.01)]).verdict
     assert any("re-zeroed on truth of m40.parquet" in remark for remark in verdict.doubts)
 
 
 def test_a_homing_that_is_not_named_is_told(one_homing):
-    found = evaluate({"linear": [one_homing]}, [motion(30)])
+    found = evaluate(one_homing, [motion(30)])
     assert not found.intervals.empty
     assert "Not all recordings name their homing" in found.interval_note
 
@@ -144,7 +142,7 @@ def test_a_homing_that_is_not_named_is_told(one_homing):
 def test_how_coverage_scatters_is_by_what_is_independent(stated):
     """Shares of Beta(3, 1) where each of three recordings errs in its own way, not its parts."""
     few = replace(stated, interval=replace(stated.interval, folds=3, cut=3, whole=3))
-    notes = [evaluate({"linear": [one]}, [motion(30)]).interval_note for one in (stated, few)]
+    notes = [evaluate(one, [motion(30)]).interval_note for one in (stated, few)]
     said = "to another its coverage scatters by up to about"
     assert f"one set of 12 trajectories {said} 7 %" in notes[0]
     assert f"one set of 3 recordings {said} 19 %" in notes[1]
@@ -153,22 +151,22 @@ def test_how_coverage_scatters_is_by_what_is_independent(stated):
 def test_masses_that_the_interval_has_not_seen_are_told(calibration):
     recordings = [motion(seed, load=0.1 * (seed % 3)) for seed in range(10, 22)]
     stated = with_interval(calibration, recordings)
-    heavy = evaluate({"linear": [stated]}, [motion(30, load=0.5), motion(31, load=0.15)])
+    heavy = evaluate(stated, [motion(30, load=0.5), motion(31, load=0.15)])
     assert "has not seen (500 g)" in heavy.interval_note
     assert len(heavy.interval_trajectories) == 2
-    light = evaluate({"linear": [stated]}, [motion(30, load=0.15), motion(31)])
+    light = evaluate(stated, [motion(30, load=0.15), motion(31)])
     assert "has not seen" not in light.interval_note
 
 
 def test_recordings_that_a_part_of_the_fit_saw_are_not_judged(stated):
     tests = [motion(0), motion(12), motion(13), motion(30)]
-    found = evaluate({"linear": [stated]}, tests)
+    found = evaluate(stated, tests)
     assert found.interval_trajectories == ("m30.parquet",)
     assert found.interval_objections == (
         "Coverage is not judged on m0.parquet: used in the fit.",
         "Coverage is not judged on m12.parquet; m13.parquet: used to make the interval.",
     )
-    fresh = evaluate({"linear": [stated]}, [motion(30)])
+    fresh = evaluate(stated, [motion(30)])
     assert found.intervals.coverage.tolist() == fresh.intervals.coverage.tolist()
 
 
@@ -186,8 +184,8 @@ def test_too_few_inside_is_told_from_sampling_error():
         assert coverage_of(np.array([0.5, 0.7]), level + side)["agreement"] == said
 
 
-def test_the_band_holds_the_share_that_is_told(stated):
-    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
+def test_the_band_holds_the_share_that_is_told(pair):
+    found, _ = pair
     assert found.interval_level == 0.9
     rows = found.rows
     inside = (rows["lower"] <= rows["truth"]) & (rows["truth"] <= rows["upper"])
@@ -199,7 +197,7 @@ def test_the_band_holds_the_share_that_is_told(stated):
 def test_the_band_of_a_rezeroed_interval_follows_the_truth(calibration):
     recordings = [motion(seed, shift=0.01 * seed) for seed in range(10, 22)]
     again = with_interval(calibration, recordings, rezero=5.0)
-    found = evaluate({"linear": [again]}, [motion(30, homing="any", shift=0.5)])
+    found = evaluate(again, [motion(30, homing="any", shift=0.5)])
     assert (found.rows["lower"].isna().all(axis=1) == (found.rows["t"] < 5.0)).all()
     kept = found.rows[(found.rows["t"] >= 5.0).to_numpy()]
     inside = ((kept["lower"] <= kept["truth"]) & (kept["truth"] <= kept["upper"])).to_numpy()
@@ -219,9 +217,8 @@ def numbers(values):
     return np.frombuffer(base64.b64decode(values["bdata"]), "<f4")
 
 
-def test_the_report_shows_stated_beside_found(stated):
-    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
-    page = render_report(found)
+def test_the_report_shows_stated_beside_found(pair):
+    found, page = pair
     section = page[page.index('<section id="intervals">') :]
     section = section[: section.index("</section>")]
     assert "Stated uncertainty" in section
@@ -239,9 +236,8 @@ def test_the_report_shows_stated_beside_found(stated):
     np.testing.assert_allclose(bars, 100 * rows.standard_error, rtol=1e-5)
 
 
-def test_the_curves_have_the_band_of_the_interval(stated):
-    found = evaluate({"linear": [stated]}, [motion(30)])
-    page = render_report(found)
+def test_the_curves_have_the_band_of_the_interval(stated, pair):
+    _, page = pair
     upper, errors = (
         d for d in figures_of(page)["time-0"]["variants"][0]["data"] if d["name"] == "90 % interval"
     )
@@ -255,7 +251,7 @@ def test_the_curves_have_the_band_of_the_interval(stated):
 
 
 def test_without_an_interval_the_page_says_so(calibration):
-    found = evaluate({"linear": [calibration]}, [motion(30)])
+    found = evaluate(calibration, [motion(30)])
     assert found.intervals.empty
     assert np.isnan(found.interval_level)
     page = render_report(found)
@@ -274,8 +270,8 @@ def test_an_interval_that_cannot_be_judged_does_not_stop_the_evaluation(calibrat
     assert "all truth lies" in render_report(found)
 
 
-def test_the_terminal_shows_it_too(stated):
-    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
+def test_the_terminal_shows_it_too(pair):
+    found, _ = pair
     console = Console(width=100, file=io.StringIO())
     console.print(interval_table(found))
     text = console.file.getvalue()
@@ -288,12 +284,12 @@ def test_the_terminal_shows_it_too(stated):
 
 def test_masses_that_differ_are_compared(calibration):
     tests = [motion(30, load=0.0), motion(31, load=0.5, shift=0.01), motion(32)]
-    page = render_report(evaluate({"linear": [calibration]}, tests))
+    page = render_report(evaluate(calibration, tests))
     table = page[page.index("By hung mass") :]
     table = table[: table.index("</section>")]
     assert table.count('<th scope="row">500 g') == 3
     assert table.count('<th scope="row">0 g') == 3
     error = tests[1].column("truth/elbow") - calibration.correct(tests[1])[:, 1]
     assert f">{np.degrees(np.sqrt(np.mean(error**2))):.3f}<" in table
-    alike = render_report(evaluate({"linear": [calibration]}, [motion(30, load=0.0), motion(32)]))
+    alike = render_report(evaluate(calibration, [motion(30, load=0.0), motion(32)]))
     assert "By hung mass" not in alike

@@ -46,6 +46,8 @@ def test_constant_differences_and_empty_recordings():
     found = compare([one, none], [2 * one, none])
     assert (found.outcome, found.mean) == ("better", -6.0)
     assert compare([one], [one]).outcome == "cannot be told"
+    found = compare(*np.random.default_rng(4).normal(size=(2, 1, 103)))
+    assert found.rows == -(-103 // found.stretches)  # of about one length
     with pytest.raises(ValueError, match="shape"):
         compare([one], [one[1:]])
 

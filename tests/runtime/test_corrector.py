@@ -85,7 +85,7 @@ def test_takes_any_row_of_numbers(calibration, form):
 def interval(rezero: float = 0.0) -> Interval:
     widths = np.array([[0.001, 0.002], [0.003, 0.004]])
     return Interval(
-        levels=np.array([0.8, 0.9]), half_widths=widths, offset_half_widths=widths,
+        levels=np.array([0.8, 0.9]), half_widths=widths,
         growth=2.0, rezero=rezero, trajectories=20, homings=1,
     )  # fmt: skip
 

@@ -185,8 +185,9 @@ def test_the_evidence_is_the_likelihood_of_the_points_under_prior_and_noise():
         likelihood = off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1]
         found = fit_rows(own, known, gate=np.inf)
         assert (found.weight == 1.0).all()
-        evidence = restricted(own.equations(found.state), found, known, noise, np.zeros(7))
-        return evidence[0], -0.5 * likelihood
+        sds = [(noise, np.zeros(7))]
+        ((evidence, _),) = restricted(own.equations(found.state), found, known, sds)
+        return evidence, -0.5 * likelihood
 
     found = np.array([both(sd, noise) for sd, noise in ((1e-3, 3e-4), (1e-2, 3e-4), (2e-3, 4e-4))])
     assert np.diff(found[:, 0]) == pytest.approx(np.diff(found[:, 1]), abs=0.05)

@@ -73,7 +73,7 @@ def test_a_block_and_an_arm_of_which_nothing_is_known_are_planned(block):
     assert len({stop.dimple for stop in stops}) == len(stops) - 1 == 8
     found = of_model(fitted(), pose, finds_block=True).plan(8)
     assert [stop.dimple for stop in found].count("R1") == 1
-    with pytest.raises(CalibrationError, match="give one of this arm"):
+    with pytest.raises(CalibrationError, match="give one that was made on recordings of this arm"):
         learning(ROBOT, pose, replace(fitted(), machine=get_robot("raven2", "right")))
 
 

@@ -70,6 +70,13 @@ def in_block(model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     return found, (ROBOT.kinematics.forward(true)[:, :3, 3] - session()[3]) @ ROTATION
 
 
+def error_in_block(model, at: int = 0) -> float:
+    """RMS error of the tip [m] on another motion, in the block of the session of a seed."""
+    found, true = in_block(model, session(20, 9)[0])
+    shift = session(30, at)[3] - session()[3]
+    return float(np.sqrt(((found - (true - shift @ ROTATION)) ** 2).sum(axis=1).mean()))
+
+
 def test_the_tip_is_right_in_the_block(calibrated):
     model, report = calibrated
     other = session(30, 7)[0]
@@ -118,10 +125,7 @@ def test_wrong_touches_are_named_and_do_little_harm():
     points["11"], points["20"] = points["20"], points["11"]
     model, report = calibrate_by_touch(recording, touches, replace(block, points=points))
     assert model.metadata["touch"]["left_out"] == ["4", "11", "20"]
-    found, true = in_block(model, session(20, 9)[0])
-    shift = session(30, 2)[3] - session()[3]
-    off = found - (true - shift @ ROTATION)
-    assert np.sqrt((off**2).sum(axis=1).mean()) < 4e-4
+    assert error_in_block(model, 2) < 4e-4
     assert report.tip.rms < 5e-4
 
 
@@ -137,13 +141,6 @@ def test_touches_that_hide_something_are_refused(how, said):
     recording, touches, block, _ = session(**how)
     with pytest.raises(CalibrationError, match=said):
         calibrate_by_touch(recording, touches, block)
-
-
-def error_in_block(model, at: int = 0) -> float:
-    """RMS error of the tip [m] on another motion, in the block of the session of a seed."""
-    found, true = in_block(model, session(20, 9)[0])
-    shift = session(30, at)[3] - session()[3]
-    return float(np.sqrt(((found - (true - shift @ ROTATION)) ** 2).sum(axis=1).mean()))
 
 
 def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():

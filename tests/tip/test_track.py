@@ -63,6 +63,13 @@ def seen(whole: Recording, tracker: SimulatedTracker = CLEAN, seed: int = 0) -> 
     return Track.of_readings(t, position, turn)
 
 
+@pytest.fixture(scope="module")
+def clean() -> tuple[Recording, Recording, Track]:
+    """A robot's recording, the same with the truth, and what a tracker without strays saw."""
+    robot, whole = motion()
+    return robot, whole, seen(whole)
+
+
 def stated(seed: int = 0, mm: float = 0.05, deg: float = 0.02) -> Registration:
     """Registration that is off by as much as it says."""
     random = np.random.default_rng([seed, 1])
@@ -115,19 +122,18 @@ def test_truth_transforms_and_delay_are_as_stated(turn_noise: float) -> None:
         assert Rotation.from_matrix(turned).magnitude() < 0.01
 
 
-def test_poses_tell_where_the_base_is_and_points_do_not() -> None:
-    robot, whole = motion()
+def test_poses_tell_where_the_base_is_and_points_do_not(clean) -> None:
+    robot, whole, track = clean
     loose = stated(mm=0.5)
     loose = replace(loose, marker=Marker("roll", MARKER[:3, 3], 5e-5))
-    points = tracked_truth(robot, seen(whole), loose)[1]
+    points = tracked_truth(robot, track, loose)[1]
     poses = tracked_truth(robot, seen(whole, replace(CLEAN, turn_noise=0.004)), loose)[1]
     assert (poses.base_sd[3:] < 0.5 * points.base_sd[3:]).all()
     assert (np.abs(base_error(poses)) < 4 * poses.base_sd).all()
 
 
-def test_what_no_motion_shows_is_named_with_what_would_tell() -> None:
-    robot, whole = motion()
-    track = seen(whole)
+def test_what_no_motion_shows_is_named_with_what_would_tell(clean) -> None:
+    robot, _, track = clean
     with pytest.raises(CalibrationError) as told:
         tracked_truth(robot, track, Registration(marker=Marker("roll")))
     assert "zero of shoulder from a turn of the base about its z axis" in str(told.value)
@@ -135,9 +141,8 @@ def test_what_no_motion_shows_is_named_with_what_would_tell() -> None:
     assert "--registration" in str(told.value)
 
 
-def test_touched_points_stand_in_for_the_bases_pose() -> None:
-    robot, whole = motion()
-    track = seen(whole)
+def test_touched_points_stand_in_for_the_bases_pose(clean) -> None:
+    robot, _, track = clean
     marker = Marker("roll", MARKER[:3, 3], 1e-4)
     points = np.array([[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [-0.1, 0.05, -0.1]])
     theirs = points @ BASE[:3, :3].T + BASE[:3, 3]
@@ -147,9 +152,8 @@ def test_touched_points_stand_in_for_the_bases_pose() -> None:
     assert found.base_sd[3:].max() < 1e-4
 
 
-def test_bad_tracks_are_one_line_each() -> None:
-    robot, whole = motion()
-    track, known = seen(whole), stated()
+def test_bad_tracks_are_one_line_each(clean) -> None:
+    (robot, _, track), known = clean, stated()
     swapped = track.position.copy()
     swapped[len(swapped) // 2 :] += 0.03
     mirrored = track.position * [1.0, 1.0, -1.0]
@@ -189,10 +193,8 @@ def confused(
 
 
 @pytest.mark.parametrize("aside", [(0.02, 0.01, 0.02), (0.003, 0.0, 0.0)])
-def test_a_stretch_of_another_marker_is_named_and_left_out(
-    aside: tuple[float, float, float],
-) -> None:
-    robot, whole = motion()
+def test_a_stretch_of_another_marker_is_named_and_left_out(clean, aside) -> None:
+    robot, whole, _ = clean
     track, (begin, end) = confused(whole, aside, 0.1)
     tracked, found = tracked_truth(robot, track, stated(), offset=0.0)
     (stretch,) = found.stretches
@@ -207,9 +209,8 @@ def test_a_stretch_of_another_marker_is_named_and_left_out(
     assert found.summary()["left out"] == str(stretch)
 
 
-def test_a_stretch_that_is_here_and_there_is_no_marker() -> None:
-    robot, whole = motion()
-    track = seen(whole)
+def test_a_stretch_that_is_here_and_there_is_no_marker(clean) -> None:
+    robot, _, track = clean
     random = np.random.default_rng(0)
     points = track.position.copy()
     points[400:500] += random.uniform(-0.05, 0.05, (100, 3))
@@ -219,16 +220,16 @@ def test_a_stretch_that_is_here_and_there_is_no_marker() -> None:
     assert stretch.readings == pytest.approx(100, abs=3)
 
 
-def test_turns_of_the_cables_are_no_other_marker_to_a_tracker_without_noise() -> None:
-    robot, whole = motion()
+def test_turns_of_the_cables_are_no_other_marker_to_a_tracker_without_noise(clean) -> None:
+    robot, whole, _ = clean
     track = seen(whole, replace(CLEAN, noise=0.0))
     tracked, found = tracked_truth(robot, track, stated(), offset=0.0)
     assert (found.strays, found.stretches) == (0, ())
     assert (np.abs(truth_error(tracked, whole).mean(axis=0)) < 4 * found.pose_deviation).all()
 
 
-def test_markers_confused_for_long_are_refused_with_when() -> None:
-    robot, whole = motion()
+def test_markers_confused_for_long_are_refused_with_when(clean) -> None:
+    robot, whole, _ = clean
     # At a third the fit lies between both, and leaves nothing out.
     track, (begin, end) = confused(whole, (0.01, 0.0, 0.0), 0.32)
     with pytest.raises(CalibrationError, match=r"they jump at (.+) s\)") as told:

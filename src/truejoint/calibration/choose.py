@@ -494,9 +494,6 @@ class Automatic:
     candidates : sequence of Regressor
         Candidates; by default those of the registry. One with its own features is tried where the
         recordings have them; one that only works offline is not chosen.
-    default_features : bool
-        Whether to try the default features too, where others are asked for and there are three
-        recordings or more: parts of one motion do not tell which features hold on another.
     seconds : float
         Processor time that the choice and the fit may take, about.
     tell : callable, optional
@@ -511,7 +508,6 @@ class Automatic:
     """
 
     candidates: Sequence[Regressor] = field(default_factory=candidates)
-    default_features: bool = False
     seconds: float = 60.0
     tell: Callable[[str], None] | None = None
 
@@ -550,9 +546,7 @@ def choose(
     compatibility.common_units(recordings, usual, names)  # refuses rad here and m there
     models = [fit_task.unfitted(model, None, random_state) for model in automatic.candidates]
     sets = [usual if features is None else FeatureSet.parse(features)]
-    if features is not None:
-        sets += [usual] if automatic.default_features and len(recordings) >= FEW else []
-    else:  # all columns of some quantities, besides the default ones
+    if features is None:  # all columns of some quantities, besides the default ones
         units = recordings[0].units
         columns = [[n for n in units if n.split("/")[0] in quantities] for quantities in _MORE]
         sets += [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]

@@ -52,8 +52,7 @@ def check_arm(recording: Recording, arm: tuple[str, str], other: str) -> None:
     robot = recording.robot
     if (robot.name, robot.arm) != arm:
         raise CalibrationError(
-            f"{source_of(recording)} is of {robot.title}, {other}; calibrate each arm on its own "
-            "recordings"
+            f"{source_of(recording)} is of {robot.title}, {other}; take recordings of one arm alone"
         )
 
 
@@ -74,7 +73,7 @@ def source_of(recording: Recording) -> str:
 def common_robot(recordings: Sequence[Recording]) -> Robot:
     """Robot that all recordings are of."""
     if not recordings:
-        raise CalibrationError("no recordings to calibrate on; give at least one")
+        raise CalibrationError("no recordings are given; give at least one")
     robot = recordings[0].robot
     for recording in recordings:
         other = f"{source_of(recordings[0])} of {robot.title}"
@@ -127,8 +126,7 @@ def chosen_features(
 
 def in_all(recordings: Sequence[Recording], columns: Iterable[str]) -> list[str]:
     """Columns that every recording has, in one unit."""
-    in_one_unit = set.intersection(*[set(recording.units.items()) for recording in recordings])
-    common = {name for name, _ in in_one_unit}
+    common = dict(set.intersection(*[set(recording.units.items()) for recording in recordings]))
     return [name for name in columns if name in common]
 
 

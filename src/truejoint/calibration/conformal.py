@@ -23,12 +23,11 @@ from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error, rows_with_truth
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
-from truejoint.estimators.registry import DEFAULT, OFFSET
+from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.wrapped import Regressor
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
 
-MAX_GROWTH: Final = 100.0
 WHOLE_FROM: Final = 10  # recordings, from which on they are left out whole
 PARTS: Final = 15  # that fewer recordings are cut into, at least
 
@@ -39,7 +38,6 @@ def with_interval(
     *,
     levels: Sequence[float] = LEVELS,
     rezero: float = 0.0,
-    growth: float = GROWTH,
 ) -> Calibration:
     """Add an interval, made of trajectories that the fit has not seen, to a calibration.
 
@@ -65,8 +63,6 @@ def with_interval(
         When above 0, the first `rezero` seconds of truth of every recording set its zero
         (`find_zero`) and are not scored: the interval then holds after re-zeroing likewise. If
         there is a fit for that (`Calibration.for_rezeroing`), give it in place of the calibration.
-    growth : float
-        How fast it widens outside the trained range: see `Interval.growth`.
 
     Raises
     ------
@@ -79,7 +75,7 @@ def with_interval(
     >>> with_interval(model, pieces).interval.trajectories
     9
     """
-    _check_interval(levels, growth, rezero)
+    _check_interval(levels, rezero)
     recordings = distinct(as_recordings(recordings))
     for recording in recordings:
         if as_calibration(calibration).origin.includes(recording):
@@ -92,15 +88,15 @@ def with_interval(
     parts = folds.wholes(recordings)
     units = [[parts[index] for index in group] for group in groups]
     judges = [(calibration, folds.Fold("", tuple(parts)))]
-    return _stating(calibration, judges, recordings, units, possible, rezero=rezero, growth=growth)
+    return _stating(calibration, judges, recordings, units, possible, rezero=rezero)
 
 
-def _check_interval(levels: Sequence[float], growth: float, rezero: float = 0.0) -> None:
+def _check_interval(levels: Sequence[float], rezero: float = 0.0) -> None:
     """Raise CalibrationError for what no interval can be made with."""
-    if not np.size(levels) or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
+    if not np.size(levels) or not 0.0 <= rezero < math.inf:
         raise CalibrationError(
-            f"interval with levels {levels}, growth {growth!r}, rezero {rezero!r} s; give a "
-            f"level, a growth from 0 to {MAX_GROWTH:g} and a time of 0 s or more"
+            f"interval with levels {levels}, rezero {rezero!r} s; give a level, and a time of 0 s "
+            "or more"
         )
 
 
@@ -141,26 +137,24 @@ def _stating(
     by_part: dict[folds.Part, list[Array]] = {}
     for rows, (fit, fold) in zip(by_fold, judges, strict=True):
         used = replace(fit, effort_baseline=calibration.effort_baseline)
-        scores = {i: scores_of(used, r, how["rezero"], how["growth"]) for i, r in rows.items()}
+        scores = {number: scores_of(used, own, how["rezero"]) for number, own in rows.items()}
         for part in fold.parts:
-            own = scores[part.recording][:, :, part.first : part.end]
-            known = np.isfinite(own).all(axis=(0, 1))
+            own = scores[part.recording][:, part.first : part.end]
+            known = np.isfinite(own).all(axis=0)
             if not known.any():
                 raise CalibrationError(
                     f"{source_of(recordings[part.recording])}: a part of it has no truth, so it "
                     "makes no interval; leave it out, or record it again"
                 )
-            by_part.setdefault(part, []).append(own[:, :, known])
-    joined = [np.concatenate([s for part in unit for s in by_part[part]], axis=2) for unit in units]
-    model, offset = (
-        np.array([[conformal_threshold(joint, level) for joint in joints] for level in levels])
-        for joints in (list(zip(*kind, strict=True)) for kind in zip(*joined, strict=True))
-    )
+            by_part.setdefault(part, []).append(own[:, known])
+    joined = [np.concatenate([s for part in unit for s in by_part[part]], axis=1) for unit in units]
+    joints = list(zip(*joined, strict=True))
+    half = np.array([[conformal_threshold(joint, level) for joint in joints] for level in levels])
     counts: dict[str, Any] = {
         "trajectories": len(units),
         "homings": len({r.provenance.homing_id for r in recordings} - {""}),
     }
-    interval = Interval(np.array(levels), model, offset, **counts, **how)
+    interval = Interval(np.array(levels), half, GROWTH, **counts, **how)
     origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
     return replace(calibration, interval=interval, origin=origin)
 
@@ -223,15 +217,12 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     return float(values[order][min(first, len(values) - 1)])
 
 
-def scores_of(calibration: Calibration, rows: Rows, rezero: float, growth: float) -> Array:
-    """Scores (2, n_joints, n) of the model and of the fixed offset, NaN where none is judged."""
-    if OFFSET not in calibration.fitted_baselines:
-        raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
+def scores_of(calibration: Calibration, rows: Rows, rezero: float) -> Array:
+    """Scores (n_joints, n) of the model, NaN where none is judged."""
     error, judged = judged_error(calibration, rows, rezero)
-    offset_error, _ = judged_error(calibration.baselines[OFFSET], rows, rezero)
-    widening = 1.0 + growth * calibration.range_excess(rows)[judged]
-    scores = np.full((2, error.shape[1], len(rows)), np.nan)
-    scores[:, :, judged] = np.abs([error.T / widening, offset_error.T])
+    widening = 1.0 + GROWTH * calibration.range_excess(rows)[judged]
+    scores = np.full((error.shape[1], len(rows)), np.nan)
+    scores[:, judged] = np.abs(error.T) / widening
     return scores
 
 
@@ -240,7 +231,6 @@ def cross_interval(
     estimator: str | Regressor | Automatic = DEFAULT,
     *,
     levels: Sequence[float] = LEVELS,
-    growth: float = GROWTH,
     progress: Progress | None = None,
     **how: Any,
 ) -> Calibration:
@@ -267,7 +257,7 @@ def cross_interval(
     recordings : Recording or sequence of Recording
     estimator : str, Regressor or Automatic
         As `calibrate` takes it. One that is chosen automatically is chosen once, from all.
-    levels, growth
+    levels
         As `with_interval` takes them.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
@@ -284,7 +274,7 @@ def cross_interval(
     >>> truejoint.calibration.cross_interval(training, "linear").interval.levels.tolist()
     [0.8, 0.9]
     """
-    _check_interval(levels, growth)
+    _check_interval(levels)
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or untold
@@ -308,7 +298,7 @@ def cross_interval(
     left_out, whole = plans[number]
     judges = list(zip(fits, left_out, strict=True))
     counts = {"folds": len(left_out), "cut": cut, "whole": whole}
-    return _stating(fitted, judges, different, units, possible, rezero=0.0, growth=growth, **counts)
+    return _stating(fitted, judges, different, units, possible, rezero=0.0, **counts)
 
 
 _Units = list[list[folds.Part]]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.rows import Rows
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
@@ -418,26 +418,26 @@ def beginning_offsets(
     t = rows.t
     length = min(BEGINNINGS[-1], 0.5 * rows.recording.duration)
     starts = np.linspace(t[0], t[-1] - length, count)
-    spans = [slice(*np.searchsorted(t, (start, start + length))) for start in starts]
-    spans = [span for span in spans if span.stop > span.start]  # rows may be further apart
-    if sum(span.stop - span.start for span in spans) < 2:
+    edges = np.searchsorted(t, [starts, starts + length])
+    if np.diff(edges, axis=0).sum() < 2:
         return []
+    spans = [slice(first, end) for first, end in edges.T if end > first]  # rows may be far apart
     near = _AGREED * np.nanstd(rows.truth - corrected, axis=0)
-    offsets = []
+    offsets, long = [], _NEARLY * np.array(BEGINNINGS[1:])
     restarted = _corrected_anew(calibration, rows, spans, corrected, near)
     for span, positions in zip(spans, restarted, strict=True):
         in_motion = time_in_motion(t[span], rows.measured[span], step)
         error = rows.truth[span] - positions
         is_known = np.isfinite(error).all(axis=1)
+        if not is_known.any():
+            continue
         weights = past_weights(calibration, t[span], in_motion)[is_known]
-        of_start = np.full((len(BEGINNINGS), len(step)), np.nan)
+        of_start = np.empty((len(BEGINNINGS), len(step)))
         for j, moving in enumerate(in_motion[is_known].T):
-            for row, end in enumerate(np.searchsorted(moving, BEGINNINGS)):
-                if end and (not row or moving[-1] >= _NEARLY * BEGINNINGS[row]):
-                    begun = error[is_known][:end, j]
-                    of_start[row, j] = weighted_median(begun, weights[:end, j])
-        if is_known.any():
-            offsets.append(of_start)
+            ends = np.searchsorted(moving, BEGINNINGS)
+            ends[1:] *= moving[-1] >= long
+            of_start[:, j] = weighted_medians(error[is_known, j], weights[:, j], ends)
+        offsets.append(of_start)
     return offsets
 
 
@@ -492,13 +492,21 @@ def past_weights(calibration: Calibration, t: Array, in_motion: Array) -> Array:
     return np.asarray(np.clip(past, _LEAST_PAST, _ENOUGH_PAST))
 
 
-def weighted_median(error: Array, weights: Array) -> float:
-    """Median of errors (m,) of these weights (m,)."""
-    if (weights == weights[0]).all():
-        return float(np.median(error))
-    order = np.argsort(error)  # as np.quantile with weights, which numpy has from 2.0 on
-    reached = np.cumsum(weights[order])
-    return float(error[order[np.argmax(reached >= 0.5 * reached[-1])]])
+def weighted_medians(error: Array, weights: Array, ends: Integers) -> Array:
+    """Median of the first of the errors (m,) of these weights (m,), up to each of `ends` (k,).
+
+    NaN of none.
+    """
+    medians = np.full(len(ends), np.nan)
+    for k, end in enumerate(ends):
+        known, w = error[:end], weights[:end]
+        if (w == w[:1]).all():
+            medians[k] = np.median(known) if end else np.nan
+        else:
+            order = np.argsort(known)  # as np.quantile with weights, which numpy has from 2.0 on
+            reached = np.cumsum(w[order])
+            medians[k] = known[order[np.argmax(reached >= 0.5 * reached[-1])]]
+    return medians
 
 
 def _correlation_time(t: Array, error: Array) -> float:

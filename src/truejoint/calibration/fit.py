@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from operator import attrgetter
 from typing import Any, Final, get_args
 
 import numpy as np
@@ -161,7 +162,7 @@ def _assembled(
     redundant: dict[str, str],
 ) -> Calibration:
     """Calibration of what was fitted, with its training domain, baselines and provenance."""
-    X, error = (fitted_rows(parts, name) for name in ("X", "error"))
+    X, error = fitted_rows(parts, "X"), fitted_rows(parts, "error")
     fit, notes = fitted
     identified = None if fit.learnt is None else fit.learnt.identified
     origin, facts = training_origin(parts)
@@ -325,7 +326,7 @@ def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
             **{name: version(name) for name in ("truejoint", "numpy", "scikit-learn")},
         },
         **{
-            name: sum(getattr(session, name) for session in sessions)
+            name: sum(map(attrgetter(name), sessions))
             for name in ("rows", "rows_without_truth", "outliers", "duration")
         },
         "data_sha256": digest.hexdigest(),

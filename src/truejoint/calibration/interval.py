@@ -34,9 +34,6 @@ class Interval:
         Stated probabilities, ascending; only those that the trajectories were enough for.
     half_widths : ndarray, shape (n_levels, n_joints)
         Half-width of the corrected position within the trained range [rad or m].
-    offset_half_widths : ndarray, shape (n_levels, n_joints)
-        Half-width of the fixed offset on the same trajectories [rad or m]; they do not grow outside
-        the trained range.
     growth : float
         A sample whose features lie outside their training ranges by at most a share s of the
         range has the half-width ``(1 + growth * s) * half_width``.
@@ -62,7 +59,6 @@ class Interval:
 
     levels: Array
     half_widths: Array
-    offset_half_widths: Array
     growth: float
     rezero: float
     trajectories: int

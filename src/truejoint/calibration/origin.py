@@ -82,13 +82,10 @@ class Origin:
     zeros: Annotated[Array, Shape((None, None))] | None = None
     """(n_recordings, n_joints) [rad or m] about their mean, where those fitted to share none."""
 
-    def includes(self, recording: Recording) -> bool:
-        """Whether the fit used rows of a recording."""
-        return any(session.overlaps(recording) for session in self.sessions)
-
-    def interval_includes(self, recording: Recording) -> bool:
-        """Whether the interval was made of rows of a recording."""
-        return any(session.overlaps(recording) for session in self.interval_sessions)
+    def includes(self, recording: Recording, *, in_interval: bool = False) -> bool:
+        """Whether the fit used rows of a recording, or the interval was made of them."""
+        sessions = self.interval_sessions if in_interval else self.sessions
+        return any(session.overlaps(recording) for session in sessions)
 
 
 def distinct(recordings: Sequence[Recording]) -> list[Recording]:

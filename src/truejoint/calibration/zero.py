@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import as_calibration, as_recorded
 from truejoint.calibration.compatibility import source_of
-from truejoint.calibration.efforts import past_weights, time_in_motion, weighted_median
+from truejoint.calibration.efforts import past_weights, time_in_motion, weighted_medians
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 
@@ -193,7 +193,8 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
 
 def _medians(error: Array, weights: Array) -> Array:
     """Median (n_joints,) of errors (m, n_joints), each of its own weight (m, n_joints)."""
-    return np.array([weighted_median(*column) for column in zip(error.T, weights.T, strict=True)])
+    end, columns = np.array([len(error)]), zip(error.T, weights.T, strict=True)
+    return np.concatenate([weighted_medians(*column, end) for column in columns])
 
 
 def at_start(t: Array, duration: float) -> Mask:

@@ -203,8 +203,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
-        check_rules(self.name, self.training, self.get_params(deep=False))
-        self.family.check_params(self.model_params())
+        if self.training:
+            check_rules(self.name, self.training, self.get_params(deep=False))
+        if (family := self.family).specialise is None:  # `Family.of` has checked the others
+            family.check_params(self.model_params())
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
         """Raise CalibrationError for numbers of either that the estimator does not take."""

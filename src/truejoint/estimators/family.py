@@ -128,6 +128,10 @@ class EstimatorData:
         return find_family(self.family).of(self.params)
 
 
+_SPECIALISED: Final[dict[tuple[str, str], Family]] = {}
+"""Families by their name and the text of parameters that follow the rules: see `Family.of`."""
+
+
 @dataclass(frozen=True)
 class Family:
     """One kind of estimator, as far as it runs.
@@ -174,8 +178,11 @@ class Family:
         """Give the family with what these parameters decide; CalibrationError if one is wrong."""
         if self.specialise is None:
             return self
-        self.check_params(params)
-        return replace(self, **self.specialise(params))
+        key = self.name, repr(params)  # the text tells 1 from 1.0 and True
+        if key not in _SPECIALISED:
+            self.check_params(params)
+            _SPECIALISED[key] = replace(self, **self.specialise(params))
+        return _SPECIALISED[key]
 
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""

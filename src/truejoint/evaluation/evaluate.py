@@ -21,6 +21,7 @@ from pandas import DataFrame
 
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.calibration import as_calibration
+from truejoint.calibration.compatibility import common_robot
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.paired_test import compare, cycle_rows
@@ -46,7 +47,6 @@ from truejoint.recordings import check_data
 from truejoint.recordings.datasets import Dataset, HeldOut
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.table.recording import Recording, as_recording, as_recordings
-from truejoint.robots import Robot
 from truejoint.summary import json_values
 
 Model = Calibration | str | os.PathLike[str]
@@ -95,10 +95,10 @@ def evaluate(
     Raises
     ------
     CalibrationError
-        If there is nothing to evaluate, calibrations differ in joints, or a tolerance or time is
-        wrong.
+        If there is nothing to evaluate, calibrations differ in joints or recordings in arms, or a
+        tolerance or time is wrong.
     RecordingError
-        If a recording lacks truth beyond what re-zeroes it, or is of another arm than the first.
+        If a recording lacks truth beyond what re-zeroes it.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def evaluate(
         for name, seeds in by_estimator.items()
     }
     chosen, joints = _checked_models(calibrations, chosen)
-    robot, model = _checked_robot(recordings), calibrations[chosen][0]
+    robot, model = common_robot(recordings), calibrations[chosen][0]
     check = check or check_data(recordings, joints=joints, model=model)
     units = {joint: robot.joint(joint).unit for joint in joints}
     note = why_no_cartesian(robot, recordings)
@@ -199,10 +199,10 @@ def _comparisons(
     moves = rows["direction"].to_numpy()
     least = cycle_rows([moves[part] for part in parts])
     names = [name for name in errors.columns.unique("estimator") if name != chosen]
+    ends = [part.stop for part in parts[:-1]]
     for joint, name in product(joints, names):
-        pair = (errors[key, joint].to_numpy() for key in (chosen, name))
-        own, other = ([error[part] for part in parts] for error in pair)
-        difference = compare(own, other, least)
+        own, other = errors[chosen, joint].to_numpy(), errors[name, joint].to_numpy()
+        difference = compare(np.split(own, ends), np.split(other, ends), least)
         yield {
             "estimator": name,
             "joint": joint,
@@ -239,20 +239,6 @@ def _checked_models(calibrations: Models, chosen: str | None) -> tuple[str, tupl
                 f"{', '.join(joints)}; compare calibrations of the same joints"
             )
     return chosen, joints
-
-
-def _checked_robot(recordings: Sequence[Recording]) -> Robot:
-    if not recordings:
-        raise RecordingError("there is no recording to evaluate on; give at least one")
-    first = recordings[0].provenance
-    for other in (recording.provenance for recording in recordings):
-        if (other.robot, other.arm) != (first.robot, first.arm):
-            raise RecordingError(
-                f"{other.source or 'recording'} is of {other.robot} {other.arm} but "
-                f"{first.source or 'the first'} is of {first.robot} {first.arm}; evaluate one "
-                "arm at a time"
-            )
-    return recordings[0].robot
 
 
 def _with_baselines(calibrations: Models, chosen: str) -> Models:

@@ -39,10 +39,9 @@ def judge_interval(
     names_of: dict[str, list[str]] = {}  # recordings, by why they are left out
     units: dict[str, list[tuple[Array, Array]]] = {}  # errors and widenings, by trajectory
     for recording, part in zip(recordings, by_recording(rows.index), strict=True):
-        truth = recording.columns("truth", calibration.joints)
-        has_truth = np.isfinite(truth).all(axis=1)
-        scored = ~at_start(recording.t[has_truth], interval.rezero)
         inputs, homing = calibration.rows(recording), recording.provenance.homing_id
+        has_truth = inputs.has_truth
+        scored = ~at_start(recording.t[has_truth], interval.rezero)
         model = zeroed(calibration, inputs, interval.rezero)
         position = model.correct(inputs)[has_truth]
         widening = 1.0 + interval.growth * model.range_excess(inputs)[has_truth]
@@ -53,7 +52,7 @@ def judge_interval(
         reason = ""
         if model.origin.includes(recording):
             reason = "used in the fit"
-        elif model.origin.interval_includes(recording):
+        elif model.origin.includes(recording, in_interval=True):
             reason = "used to make the interval"
         elif not holds:
             named = ", ".join(sorted(homings))
@@ -66,7 +65,7 @@ def judge_interval(
         judged.append(recording)
         shared = homing and interval.any_homing
         unit = units.setdefault(f"homing {homing}" if shared else rows.index[part][0], [])
-        unit.append(((truth[has_truth] - position)[scored], widening[scored]))
+        unit.append(((inputs.truth[has_truth] - position)[scored], widening[scored]))
     objections = []
     for reason, names in names_of.items():
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
@@ -117,7 +116,6 @@ def _scores(
                 "level": float(level),
                 **coverage_of(shares[:, k], level),
                 "half_width": half_width[k],
-                "offset_half_width": interval.offset_half_widths[row, k],
                 "shares": tuple(shares[:, k].tolist()),
             }
 

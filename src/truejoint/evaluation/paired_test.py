@@ -14,7 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 
 Outcome = Literal["better", "worse", "cannot be told"]
@@ -122,29 +122,26 @@ def compare(errors: Sequence[Array], other: Sequence[Array], least: float = 1.0)
             f"errors to compare are of shapes {list(map(np.shape, errors))} and "
             f"{list(map(np.shape, other))}; give those of the same rows, one at least"
         )
-    parts = [
-        (np.square(a) - np.square(b)).reshape(len(a), -1).sum(axis=1)
-        for a, b in zip(errors, other, strict=True)
-        if len(a)
-    ]
-    rows = np.concatenate(parts)
+    lengths = np.array([len(part) for part in errors if len(part)])
+    own, others = np.concatenate(errors), np.concatenate(other)
+    rows = (np.square(own) - np.square(others)).reshape(len(own), -1).sum(axis=1)
     mean = float(rows.mean())
-    memory = _TIMES * correlation_time([part - mean for part in parts])
-    shortest = [max(memory, least, len(rows) / count) for count in _COUNTS]
-    margins = [_margin(rows, list(map(len, parts)), length) for length in shortest]
+    memory = _TIMES * correlation_time(np.split(rows - mean, np.cumsum(lengths)[:-1]))
+    least = max(memory, least)
+    margins = [_margin(rows, lengths, max(least, len(rows) / count)) for count in _COUNTS]
     finite = [margin for margin in margins if math.isfinite(margin[0])]  # recordings may be too few
     margin, stretches, longest = max(finite or margins)
     return Difference(mean, mean - margin, mean + margin, stretches, longest)
 
 
-def _margin(rows: Array, lengths: Sequence[int], shortest: float) -> tuple[float, int, int]:
+def _margin(rows: Array, lengths: Integers, shortest: float) -> tuple[float, int, int]:
     """Margin of the mean over stretches of at least `shortest` rows, their number, the longest.
 
     Stretches of a recording, which are of about one length, end where it ends.
     """
-    counts = [max(1, int(length / shortest + 1e-9)) for length in lengths]
-    cut = [n // k + (np.arange(k) < n % k) for n, k in zip(lengths, counts, strict=True)]
-    size = np.concatenate(cut)
+    counts = np.maximum(1, (lengths / shortest + 1e-9).astype(np.int64))
+    place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    size = np.repeat(lengths // counts, counts) + (place < np.repeat(lengths % counts, counts))
     longest = int(size.max())
     if len(size) < _FEWEST:
         return math.inf, len(size), longest
@@ -168,7 +165,7 @@ def correlation_time(parts: Sequence[Array]) -> float:
     lags = np.fft.irfft(spectrum, size)[: max(map(len, parts))]
     if not lags[0] > 0.0:
         return 1.0
-    lengths = np.array([len(part) for part in parts])
+    lengths = np.array(list(map(len, parts)))
     pairs = np.maximum(lengths[:, None] - np.arange(len(lags)), 0).sum(axis=0)
     correlation = (lags / pairs) / (lags[0] / pairs[0])
     times = 2.0 * np.cumsum(correlation) - 1.0

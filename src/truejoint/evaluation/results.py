@@ -235,8 +235,7 @@ class Evaluation(Summarised):
         trajectories of the share of samples inside), its ``"standard_error"`` (NaN with a single
         one), whether the level lies within its two-sided 95 % margin by Student's t
         (``"agreement"``: ``"agrees"``, ``"too few inside"``, ``"more inside"``, or empty),
-        ``"half_width"`` (mean over samples), ``"offset_half_width"`` (of the fixed offset's
-        interval, made of the same recordings), ``"shares"`` (of each trajectory), ``"unit"``.
+        ``"half_width"`` (mean over samples), ``"shares"`` (of each trajectory), ``"unit"``.
     interval_trajectories : tuple of str
         Meaning of the shares: recordings, or all recordings after one homing.
     interval_level : float

@@ -112,13 +112,12 @@ def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
 
 
 def intervals(evaluation: Evaluation) -> DataFrame:
-    """Coverage of each joint and stated level, and half-widths beside the fixed offset's."""
+    """Coverage and half-width of each joint and stated level."""
     rows = []
     for _, joint, unit in evaluation.shown_joints():
         scores = [s for s in each(evaluation.intervals) if s.joint == joint]
-        widths = [unit.scale * np.array([s.half_width, s.offset_half_width]) for s in scores]
-        decimals = decimals_for(np.ravel(widths))
-        for score, (own, offset) in zip(scores, widths, strict=True):
+        widths = shown([unit.scale * score.half_width for score in scores])
+        for score, width in zip(scores, widths, strict=True):
             error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
             rows.append(
                 {
@@ -126,9 +125,7 @@ def intervals(evaluation: Evaluation) -> DataFrame:
                     "within sampling error": score.agreement or DASH,
                     "stated": f"{100 * score.level:g} %",
                     "found inside": f"{100 * score.coverage:.1f}{error} %",
-                    "half-width": fixed(own, decimals),
-                    "fixed offset's": fixed(offset, decimals),
-                    "of that": percent_text(100 * (own / offset if offset > 0 else 1)),
+                    "half-width": width,
                     "unit": unit.name,
                 }
             )
@@ -369,7 +366,7 @@ def domain_table(evaluation: Evaluation) -> rich_table.Table:
 
 
 def interval_table(evaluation: Evaluation) -> rich_table.Table:
-    """Stated levels by joint: share of the test inside, and half-widths beside the offset's.
+    """Stated levels by joint: share of the test inside, and half-widths.
 
     Examples
     --------

@@ -6,7 +6,7 @@ An error is the estimated position minus the true one, in the joint's SI unit (r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Final
 
@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from pandas import DataFrame
 
-from truejoint.array_types import Array, Mask, floats
+from truejoint.array_types import Array, floats
 from truejoint.calibration import Calibration
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, other_kind
@@ -147,11 +147,11 @@ def judge_recording(
     columns, known = list(joints), {"truth": DataFrame(true, index, joints)}
     if robot is not None and robot.kinematics is not None:
         columns += [*AXES, TOOL]
-        place = _tool_places(recording, robot, robot.kinematics, joints, judged)
-        at = place(true)
+        reported, moved = all_joints(recording, robot)[judged], robot.index(list(joints))
+        at = _place_tool(robot.kinematics, reported, moved, true)
         known["tool"] = DataFrame(at, index, AXES)
         for which, position in positions.items():
-            off = place(position[judged]) - at
+            off = _place_tool(robot.kinematics, reported, moved, position[judged]) - at
             distance = np.linalg.norm(off, axis=1)
             errors[which] = np.column_stack([errors[which], off, distance])
     frames = {key: DataFrame(error, index, columns) for key, error in errors.items()}
@@ -193,22 +193,11 @@ def _facts(recording: Recording, model: Calibration, error: Array) -> dict[str, 
     }
 
 
-def _tool_places(
-    recording: Recording,
-    robot: Robot,
-    kinematics: Kinematics,
-    joints: Sequence[str],
-    rows: Mask,
-) -> Callable[[Array], Array]:
-    """Give what places the tool (n, 3) [m] with `joints` at (n, n_joints), in those `rows`."""
-    reported, columns = all_joints(recording, robot)[rows], robot.index(list(joints))
-
-    def place(positions: Array) -> Array:
-        changed = reported.copy()
-        changed[:, columns] = positions
-        return kinematics.forward(changed)[..., :3, 3]
-
-    return place
+def _place_tool(chain: Kinematics, joint: Array, moved: Sequence[int], positions: Array) -> Array:
+    """Place of the tool (n, 3) [m] with the `moved` joints of (n, n_joints) at other positions."""
+    joint = joint.copy()
+    joint[:, moved] = positions
+    return chain.forward(joint)[..., :3, 3]
 
 
 def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
@@ -216,7 +205,8 @@ def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
     if robot.kinematics is None:
         return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
     for recording in recordings:
-        missing = [j for j in robot.joint_names if j not in recording.joints_of("measured")]
+        measured = recording.joints_of("measured")
+        missing = [joint for joint in robot.joint_names if joint not in measured]
         rows = np.linspace(0, len(recording) - 1, _PROBES).astype(np.int64)
         probes = all_joints(recording, robot)[rows]
         linear = robot.kinematics.jacobian(probes)[..., :3, :]
@@ -231,7 +221,8 @@ def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
 
 def all_joints(recording: Recording, robot: Robot) -> Array:
     """Measured positions (n, n_joints) [rad or m] of all joints; home where there is no column."""
-    joints = [joint for joint in robot.joint_names if joint in recording.joints_of("measured")]
+    measured = recording.joints_of("measured")
+    joints = [joint for joint in robot.joint_names if joint in measured]
     positions = np.tile(robot.home, (len(recording), 1))
     positions[:, robot.index(joints)] = recording.columns("measured", joints)
     return positions

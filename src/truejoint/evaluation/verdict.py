@@ -390,7 +390,7 @@ def _enlarged(errors: Sequence[Array]) -> list[Array]:
 def _is_within(errors: Sequence[Array], other: Sequence[Array], least: float) -> bool:
     """Whether errors exceed others by less than `MARGIN`, over all recordings or in each."""
     allowed = _enlarged(other)
-    if sum(np.sum(a**2) for a in errors) > sum(np.sum(b**2) for b in allowed):
+    if np.sum(np.concatenate(errors) ** 2) > np.sum(np.concatenate(allowed) ** 2):
         return False  # neither can be
     pairs = [([a], [b]) for a, b in zip(errors, allowed, strict=True) if len(a)]
     return compare(errors, allowed, least).outcome == "better" or all(

@@ -238,8 +238,11 @@ class FeatureSet(Summarised):
         """
         if gap_limit is None:
             gap_limit = default_gap_limit([recording])
-        samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
-        out = np.empty((len(recording), len(self)))
+        names, out = list(self.signals), np.empty((len(recording), len(self)))
+        for name in names:
+            if name not in recording.table.columns:
+                recording.column(name)  # refuses it
+        samples = np.ascontiguousarray(recording.table[names].to_numpy(np.float64))
         t, memory = np.array(recording.t), np.zeros(self.memory_size)
         feature_rows(self.program, gap_limit, t, samples, memory, out)
         return out

@@ -31,7 +31,6 @@ from truejoint.tip.fit import (
     TipPrior,
     TipRows,
     fit_rows,
-    normal_equations,
     whiten_rows,
 )
 from truejoint.tip.terms import Terms
@@ -54,6 +53,7 @@ _SCALE_SD: Final = 0.03
 _MARKER_SD: Final = 0.02  # m
 _MEANT: Final = 0.5  # rad by which a block may be turned from how it is meant to stand
 _MOVE_COST: Final = 6.0  # of a time among many, and of a way in any direction
+_NEAREST: Final = 3  # numberings that are fitted
 EDGE: Final = 6  # points at least before and after a move
 
 
@@ -107,46 +107,54 @@ def split_residuals(
     equations = fit.rows.rows(~fit.left_out).equations(fit.state)
     square, freedom = repeat_noise(fit, place)
     known = -3.0 * math.log(_ANYWHERE) * int(fit.left_out.sum())
-    splits = []
-    for factor, share in product(_POINT, _JOINT[least <= _JOINT]):
-        point_sd, joint_sd = float(factor * fit.rows.point_sd), share * stated.joint_sd
-        likelihood, covariance = restricted(equations, fit, fit.prior, point_sd, joint_sd)
+    ways = list(product(fit.rows.point_sd * _POINT, _JOINT[least <= _JOINT]))
+    sds = [(float(point_sd), share * stated.joint_sd) for point_sd, share in ways]
+    found = restricted(equations, fit, fit.prior, sds)
+    likely = []
+    for (point_sd, share), (likelihood, normal) in zip(ways, found, strict=True):
         repeats = freedom * (math.log(point_sd) + 0.5 * square / point_sd**2)
         doubt = 0.5 * (math.log(point_sd / stated.point_sd) / _DOUBT) ** 2 + math.log1p(share**2)
-        splits.append(Split(point_sd, joint_sd, likelihood + known - repeats - doubt, covariance))
-    splits.sort(key=lambda split: -split.likelihood)
-    return [split for split in splits if split.likelihood > splits[0].likelihood - _LEAST]
+        likely.append((likelihood + known - repeats - doubt, normal))
+    best, block = max(value for value, _ in likely), np.ix_(fit.prior.free, fit.prior.free)
+    splits = []
+    for pair, (value, normal) in zip(sds, likely, strict=True):
+        if value > best - _LEAST:
+            covariance = np.zeros_like(fit.prior.precision)
+            covariance[block] = np.linalg.inv(normal)
+            splits.append(Split(*pair, value, covariance))
+    return sorted(splits, key=lambda split: -split.likelihood)
 
 
 def likeliest(fit: TipFit, priors: Sequence[TipPrior]) -> int:
     """Place of the prior under which the inliers of a fit are likeliest."""
     equations = fit.rows.rows(~fit.left_out).equations(fit.state)
-    sds = fit.rows.point_sd, fit.rows.joint_sd
-    return int(np.argmax([restricted(equations, fit, prior, *sds)[0] for prior in priors]))
+    sds = [(fit.rows.point_sd, fit.rows.joint_sd)]
+    found = (likelihood for p in priors for likelihood, _ in restricted(equations, fit, p, sds))
+    return int(np.argmax(list(found)))
 
 
 def restricted(
-    equations: Equations, fit: TipFit, prior: TipPrior, point_sd: float, joint_sd: Array
-) -> tuple[float, Array]:
-    """Logarithm of the restricted likelihood of equations that are linear about a fit.
+    equations: Equations, fit: TipFit, prior: TipPrior, sds: Iterable[tuple[float, Array]]
+) -> Iterator[tuple[float, Array]]:
+    """Logarithms of the restricted likelihood of equations that are linear about a fit.
 
-    And the covariance (n, n) of the parameters.
+    One for each pair of deviations, of points and of joints; and the normal matrix (k, k) of the
+    parameters that are free.
     """
-    free = np.flatnonzero(prior.free)
-    block = np.ix_(free, free)
-    white = equations.whitened(joint_sd, np.array(point_sd))
-    normal, gradient = normal_equations(prior, fit.state, white)
-    own = normal[block]
-    step = -np.linalg.solve(own, gradient[free])
-    left = white.residual + white.jacobian[:, :, free] @ step
-    moved = fit.state.minus(prior.state)[free] + step
-    misfit = float((left**2).sum() + moved @ prior.precision[block] @ moved)
+    free, off = np.flatnonzero(prior.free), fit.state.minus(prior.state)
+    known, pull = prior.precision[np.ix_(free, free)], (prior.precision @ off)[free]
     sure = np.flatnonzero(np.diag(prior.precision))
-    known, found = (np.linalg.slogdet(a)[1] for a in (prior.precision[np.ix_(sure, sure)], own))
-    size = 2.0 * np.log(np.linalg.det(white.whitening)).sum() + known - found
-    covariance = np.zeros_like(normal)
-    covariance[block] = np.linalg.inv(own)
-    return 0.5 * float(size - misfit), covariance
+    size = np.linalg.slogdet(prior.precision[np.ix_(sure, sure)])[1]
+    equations = equations._replace(by_parameter=equations.by_parameter[:, :, free])
+    for point_sd, joint_sd in sds:
+        white = equations.whitened(joint_sd, np.array(point_sd))
+        jacobian, residual = white.jacobian.reshape(-1, len(free)), white.residual.ravel()
+        own = known + jacobian.T @ jacobian
+        step = -np.linalg.solve(own, pull + jacobian.T @ residual)
+        left, moved = residual + jacobian @ step, off[free] + step
+        misfit = left @ left + moved @ known @ moved
+        spread = 2.0 * np.log(np.linalg.det(white.whitening)).sum() - np.linalg.slogdet(own)[1]
+        yield 0.5 * float(spread + size - misfit), own
 
 
 def shares(splits: Sequence[Split]) -> Array:
@@ -270,7 +278,10 @@ def mirrored(rows: TipRows, block: Block, prior_of: Callable[[TipRows], TipPrior
 def renumbered(
     rows: TipRows, block: Block, dimples: Sequence[str], prior_of: Callable[[TipRows], TipPrior]
 ) -> Iterator[Trial]:
-    """Try the dimples numbered along other sides of the block, from other ends, or one further."""
+    """Try the dimples numbered along other sides of the block, from other ends, or one further.
+
+    The few of these that lie nearest to the tips before anything is fitted.
+    """
     names, point = list(block.points), np.array(list(block.points.values()))
     corner = np.round(point[:, :2], 6)
     orders = [
@@ -280,6 +291,7 @@ def renumbered(
     orders += [np.roll(np.arange(len(names)), step) for step in (1, -1)]
     orders += [np.argsort(order) for order in orders]
     at = np.array([names.index(name) if name in names else -1 for name in dimples])
+    near: list[tuple[float, Trial]] = []
     for order in orders:
         moved = replace(rows, point=np.where(at[:, None] < 0, rows.point, point[order][at]))
         if (moved.point == rows.point).all():
@@ -287,7 +299,9 @@ def renumbered(
         called = ", ".join(f"{names[k]} is {names[order[k]]}" for k in (0, 1, -1))
         words = f"when its dimples are numbered otherwise ({called}): number them as it is drawn"
         with suppress(CalibrationError):  # they lie in a line
-            yield Trial(moved, prior_of(moved), lambda _, words=words: words)  # type: ignore[misc]
+            trial = Trial(moved, prior_of(moved), lambda _, words=words: words)  # type: ignore[misc]
+            near.append((float(np.linalg.norm(moved.residual(trial.prior.state))), trial))
+    yield from (trial for _, trial in sorted(near, key=lambda each: each[0])[:_NEAREST])
 
 
 def scaled(rows: TipRows, prior: TipPrior, advice: str) -> Trial:

@@ -15,7 +15,7 @@ from truejoint.robots.robot import Robot
 from truejoint.tip import touch
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipPrior, TipRows, whiten_rows
-from truejoint.tip.terms import LEFT, Terms, check_prior, spread_of, wide_priors
+from truejoint.tip.terms import LEFT, Terms, spread_of, wide_priors
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -88,7 +88,7 @@ def learning(robot: Robot, pose: BlockPose, prior: Calibration | None = None) ->
     `prior` is a calibration as `calibrate_by_touch` takes it.
     """
     if prior is not None:
-        check_prior(prior, robot)
+        prior.check_robot(robot)
     terms, (names, joint) = Terms.of_workspace(robot), reachable(robot, pose)
     basis, point = terms.basis_at(joint[:, robot.index(terms.joints)]), pose.block.at(names)
     rows = TipRows.of(robot, joint, terms.joints, basis, point, TOUCH_SD, LEFT * terms.scale)

@@ -220,7 +220,7 @@ def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> li
     CalibrationError as `Terms.of_calibration`, or if it is of another arm, or a calibration by
     touches that does not state the deviation of its zeros.
     """
-    check_prior(known, recording.robot)
+    known.check_robot(recording.robot)
     sd, unsure = terms.sds(AGAIN), np.zeros(len(terms.joints))
     if "touch" in known.metadata:
         try:
@@ -234,11 +234,3 @@ def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> li
     sd[terms.zeros] = np.hypot(sd[terms.zeros], unsure / terms.scale)
     mean = terms.of_calibration(known, recording)
     return [TermsPrior(mean, factor * sd) for factor in _GROWN]
-
-
-def check_prior(known: Calibration, robot: Robot) -> None:
-    """Refuse a calibration that says nothing of a robot's arm."""
-    if (known.robot, known.arm) != (robot.name, robot.arm):
-        raise CalibrationError(
-            f"the prior is of {known.title}, the touches are of {robot.title}; give one of this arm"
-        )

@@ -201,9 +201,15 @@ def test_json_cannot_end_its_script():
         script_json(float("nan"))
 
 
-def test_a_report_is_written_whole_and_never_over_another(tmp_path, recording_of, calibration_of):
-    train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
-    evaluation = evaluate({"dnn": [calibration_of([train])]}, [test])
+@pytest.fixture(scope="module")
+def grasper(recording_of, calibration_of):
+    """A model, and a recording to judge it on."""
+    train, test = (recording_of("davinci_grasper", seed=seed) for seed in range(2))
+    return calibration_of([train]), test
+
+
+def test_a_report_is_written_whole_and_never_over_another(tmp_path, grasper):
+    evaluation = evaluate(*grasper)
     target = tmp_path / "report.html"
     assert write_report(evaluation, target) == target
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
@@ -216,20 +222,18 @@ def test_a_report_is_written_whole_and_never_over_another(tmp_path, recording_of
         write_report(evaluation, tmp_path / "nowhere" / "report.html")
 
 
-def test_a_failed_verdict_opens_the_page(recording_of, calibration_of):
-    train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
-    strict = {"jaw": float(np.radians(1e-6))}
-    evaluation = evaluate({"dnn": [calibration_of([train])]}, [test], tolerance=strict)
+def test_a_failed_verdict_opens_the_page(grasper):
+    evaluation = evaluate(*grasper, tolerance={"jaw": float(np.radians(1e-6))})
     page = _Page(render_report(evaluation))
     assert page.words.index("Not passed") < page.words.index("Worst stretches")
     assert "is not good enough in the joint" in page.words
 
 
-def test_reservations_are_told_where_the_verdict_is(recording_of, calibration_of):
-    train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
+def test_reservations_are_told_where_the_verdict_is(grasper):
+    model, test = grasper
     table = test.table.copy()
     table.loc[table.index % 5 > 1, "truth/jaw"] = np.nan
-    evaluation = evaluate({"dnn": [calibration_of([train])]}, replace(test, table=table))
+    evaluation = evaluate(model, replace(test, table=table))
     words = _Page(render_report(evaluation)).words
     assert "Passed, with reservations" in words
     assert words.index("The data check failed: 60 %") < words.index("Worst stretches")

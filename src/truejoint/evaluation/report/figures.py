@@ -217,7 +217,7 @@ def residuals(evaluation: Evaluation, models: Sequence[str] = ()) -> Iterator[Fi
             f"{joint}: {of}. Dots are rows, blue while the joint moves up and orange while it "
             "moves down; lines are medians, bands hold the middle 90 %."
         )
-        spec = error_panels(panels, evaluation.known("direction")[:, column], unit, most)
+        spec = _error_panels(panels, evaluation.known("direction")[:, column], unit, most)
         yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
@@ -245,7 +245,7 @@ def _panels(
     yield "time [s]", np.cumsum(steps), error
 
 
-def error_panels(panels: Sequence[_Errors], moves: Array, unit: DisplayUnit, most: int) -> Spec:
+def _error_panels(panels: Sequence[_Errors], moves: Array, unit: DisplayUnit, most: int) -> Spec:
     """Panels side by side on one scale, with at most so many dots of each direction in one.
 
     `moves` (n,) is the direction of motion: 1, -1 or 0.
@@ -285,10 +285,7 @@ def binned(x: Array, y: Array) -> Array:
     """Centres of equal bins of `x` (n,), and 5th, 50th, 95th percentile of `y` there, (4, m)."""
     edges = np.linspace(x.min(), x.max(), _BINS + 1)
     which = np.searchsorted(edges[1:-1], x, side="right")
-    return _quantiles((0.5 * (edges[k] + edges[k + 1]), y[which == k]) for k in range(_BINS))
-
-
-def _quantiles(groups: Iterable[tuple[float, Array]]) -> Array:
+    groups = [(0.5 * (edges[k] + edges[k + 1]), y[which == k]) for k in range(_BINS)]
     rows = [(x, *np.quantile(y, [0.05, 0.5, 0.95])) for x, y in groups if len(y) >= _FEW]
     return np.array(rows, dtype=float).reshape(-1, 4).T
 

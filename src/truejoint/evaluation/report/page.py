@@ -154,12 +154,8 @@ def write_comparison(
         Evaluation of all models, each as an estimator by its name.
     alone : mapping of str to Evaluation
         Evaluation of each model by itself, by that name, for its verdict.
-    path : str or Path
-        File to write, whole or not at all.
-    command : str
-        Command line that makes this page again.
-    overwrite : bool
-        Whether a file at `path` may be replaced.
+    path, command, overwrite
+        As `write_report` takes them.
 
     Raises
     ------

@@ -217,12 +217,12 @@ class _Motion:
         ridge = math.sqrt(_RIDGE) * np.eye(design.shape[1])
         return np.asarray(np.linalg.qr(np.vstack([design, ridge]))[0][: len(design)])
 
-    def truth(self, shift: float) -> Array:
-        """Truth later by a shift [s], centred (m,)."""
-        parts = zip(self.stamps_of, self.truths_of, strict=True)
-        return self.centred(
-            np.concatenate([truth(np.clip(t + shift, *truth.x[[0, -1]])) for t, truth in parts])
-        )
+    def truth(self, *shifts: float) -> Array:
+        """Truth later by shifts [s], centred (m, n_shifts)."""
+        moved = []
+        for t, truth in zip(self.stamps_of, self.truths_of, strict=True):
+            moved.append(truth(np.clip(t[:, None] + shifts, *truth.x[[0, -1]])))
+        return self.centred(np.concatenate(moved))
 
     def speeds_differ(self) -> bool:
         """Whether the joint passes the same places, the same way, at different speeds."""
@@ -252,13 +252,13 @@ class _Motion:
 
         rest = left(self.centred(self.speed))
         if math.isnan(lag):
-            lag = min(_SHIFTS, key=lambda shift: float(np.sum(left(self.truth(shift)) ** 2)))
+            lag = float(_SHIFTS[np.argmin(np.sum(left(self.truth(*_SHIFTS)) ** 2, axis=0))])
         for _ in range(_ROUNDS):
-            rise = self.truth(lag + _HALF_STEP) - self.truth(lag - _HALF_STEP)
-            slope = float(rest @ rise) / (2.0 * _HALF_STEP)
-            step = float(rest @ self.truth(lag)) / slope if slope else 0.0
+            later, earlier, now = self.truth(lag + _HALF_STEP, lag - _HALF_STEP, lag).T
+            slope = float(rest @ (later - earlier)) / (2.0 * _HALF_STEP)
+            step = float(rest @ now) / slope if slope else 0.0
             lag = float(np.clip(lag - np.clip(step, -0.1, 0.1), _SHIFTS[0], _SHIFTS[-1]))
-        residual, before = left(self.truth(lag)), left(self.truth(0.0))
+        residual, before = left(self.truth(lag, 0.0)).T
         sd = self.scatter(rest * residual) / max(abs(slope), 1e-300)
         drop = 1.0 - float(residual @ residual) / max(float(before @ before), 1e-300)
         return lag, sd, drop, residual
@@ -266,7 +266,7 @@ class _Motion:
     def loop(self, seconds: float) -> tuple[float, float]:
         """Width of the loop once the truth is shifted back by `seconds`, and its deviation."""
         basis = self.orthonormal(self.places)
-        way, truth = self.centred(self.way), self.truth(seconds)
+        way, truth = self.centred(self.way), self.truth(seconds)[:, 0]
         way -= basis @ (basis.T @ way)
         truth -= basis @ (basis.T @ truth)
         weight = max(float(way @ way), 1e-300)
