@@ -2,11 +2,12 @@
 
 import json
 import os
+import shutil
 from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import TrajectoryError
@@ -50,18 +51,13 @@ def trajectories(draw):
     return Trajectory(joints, units, positions, times, draw(st.text(max_size=20)), meta)
 
 
-@settings(max_examples=80, deadline=None)
 @given(trajectories())
 def test_round_trip_is_bit_for_bit(tmp_path_factory, trajectory):
     path = tmp_path_factory.mktemp("csv") / "t.csv"
     write_trajectory(trajectory, path)
     again = read_trajectory(path)
-    assert (again.joints, again.units, again.name) == (
-        trajectory.joints,
-        trajectory.units,
-        trajectory.name,
-    )
-    assert again.meta == trajectory.meta
+    for key in ("joints", "units", "name", "meta"):
+        assert getattr(again, key) == getattr(trajectory, key)
     assert np.array_equal(again.positions, trajectory.positions)
     assert (again.times is None) == (trajectory.times is None)
     if trajectory.times is not None:
@@ -123,17 +119,14 @@ GOOD = '# truejoint trajectory {"format": 2, "name": "x", "units": {"a": "rad"},
         ("", "starts with ''"),
         ("x,y,z\n1,2,3\n", "starts with 'x,y,z'"),
         ("1,2\n3,4\n", "starts with '1,2'; want .* without a header"),
-        ("1,2,3\n4,5\n", "a row is not 3 numbers"),
-        ("1,2,3\n4,5,6,7\n", "a row is not 3 numbers"),
-        ("1,2,3\n4,x,6\n", "a row is not 3 numbers"),
+        *((f"1,2,3\n{row}\n", "a row is not 3 numbers") for row in ("4,5", "4,5,6,7", "4,x,6")),
         ("1,2,3\n", "at least 2 rows"),
         ("0.1,nan,0.3\n0.1,0.2,0.3\n", "elbow is nan in row 0"),
         ("# truejoint trajectory {\n", "first line is damaged"),
         (f'# truejoint trajectory {{"format": {"9" * 5000}}}\n', "first line is damaged"),
         ("# truejoint trajectory []\n", r"first line is \[\]; want a table"),
         ("# truejoint trajectory {}\n", "first line: 'format' is missing"),
-        (GOOD.replace('"format": 2', '"format": 3'), "format is 3; want a whole number"),
-        (GOOD.replace('"format": 2', '"format": 1'), "format is 1; want a whole number"),
+        *((GOOD.replace(": 2", f": {n}"), f"format is {n}; want a whole number") for n in (1, 3)),
         (GOOD.replace('"x"', '"x", "sha256": "0"') + "a\n1.0\n", "does not match its hash"),
         (GOOD.replace("rad", "deg") + "a\n1\n2\n", "a unit, 'rad' or 'm'"),
         (GOOD + "b\n1\n2\n", "do not match the joints"),
@@ -153,19 +146,24 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, text, match):
     assert "\n" not in str(refusal.value)
 
 
-def test_missing_binary_and_oversized_files_are_refused(tmp_path, monkeypatch):
+def test_what_is_no_text_file_is_refused(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(TrajectoryError, match="is not a file, but"):  # and not waited for
+        read_trajectory(tmp_path / "pipe")
     with pytest.raises(TrajectoryError, match=r"none\.csv: cannot be read: No such file"):
         read_trajectory(tmp_path / "none.csv")
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(TrajectoryError, match="is not text"):
         read_trajectory(tmp_path / "b.csv")
     write_trajectory(zigzag(ROBOT), tmp_path / "z.csv")
+    packed = shutil.copy(tmp_path / "z.csv", tmp_path / "z.gz")
+    with pytest.raises(TrajectoryError, match="a row is not 3 numbers"):
+        read_trajectory(packed)
     monkeypatch.setattr(files, "_MAX_BYTES", 100)
     with pytest.raises(TrajectoryError, match="more than a trajectory may have"):
         read_trajectory(tmp_path / "z.csv")
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=200), st.booleans())
 def test_garbage_is_refused_and_never_crashes(tmp_path_factory, garbage, with_mark):
     path = tmp_path_factory.mktemp("fuzz") / "f.csv"
@@ -185,7 +183,7 @@ def test_a_changed_bit_changes_no_value(tmp_path):
     write_trajectory(before, path)
     whole = path.read_bytes()
     for place in range(len(whole)):
-        for bit in range(0, 8, 3):
+        for bit in (0, 3, 6) if place % 4 == 0 else (place % 8,):
             data = bytearray(whole)
             data[place] ^= 1 << bit
             path.write_bytes(data)
@@ -200,22 +198,4 @@ def test_one_without_a_hash_is_read_and_says_so(tmp_path):
     path.write_text(GOOD + "a\n1.0\n2.0\n")
     assert "without a content hash" in read_trajectory(path).meta["notes"]
     path.write_text(GOOD.replace('"meta": {}', '"meta": {"notes": "by hand"}') + "a\n1.0\n2.0\n")
-    assert (
-        read_trajectory(path)
-        .meta["notes"]
-        .startswith("by hand; was written without a content hash")
-    )
-
-
-def test_a_pipe_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(TrajectoryError, match="is not a file, but"):
-        read_trajectory(tmp_path / "pipe")
-
-
-def test_text_that_is_called_packed_is_refused(tmp_path):
-    path = tmp_path / "path.csv"
-    write_trajectory(zigzag(ROBOT, "J2", 1 / 2), path)
-    packed = path.rename(tmp_path / "path.gz")
-    with pytest.raises(TrajectoryError, match="a row is not 3 numbers"):
-        read_trajectory(packed)
+    assert read_trajectory(path).meta["notes"].startswith("by hand; was written without a content")

@@ -53,19 +53,19 @@ def test_the_speed_is_the_one_asked_for():
 @settings(max_examples=20)
 @given(
     st.lists(
-        st.tuples(st.floats(0.0, 3.0), st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7)),
+        st.tuples(st.floats(0.0, 1.5), st.lists(st.floats(-2.0, 2.0), min_size=7, max_size=7)),
         min_size=1,
         max_size=6,
     )
 )
 def test_speed_its_change_and_range_are_kept(told):
     changes = [(at, lambda jog, v=v: jog.joints(v)) for at, v in told]
-    rows, jog = rows_of(changes, 4.0)
+    rows, jog = rows_of(changes, 2.0)
     robot, speed = jog.arm.robot, np.diff(rows, axis=0) * 1e3
     assert (rows >= robot.lower).all()
     assert (rows <= robot.upper).all()
     assert (np.abs(speed) <= jog.speed * (1 + 1e-9)).all()
-    ramped = np.diff(speed[:3900], axis=0) * 1e3
+    ramped = np.diff(speed[:1900], axis=0) * 1e3
     assert (np.abs(ramped) <= jog.speed / RAMP * 1.3 + 1e-9).all()
 
 

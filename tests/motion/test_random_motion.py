@@ -1,13 +1,12 @@
-"""Tests of the random motion."""
+"""Tests of the random motion, and of nested loops."""
 
 import numpy as np
 import pytest
 
-from truejoint.errors import TrajectoryError
-from truejoint.motion import random_motion, workspace_of
+from truejoint.motion import nested_motion, random_motion, workspace_of
 from truejoint.robots import get_robot
 
-ROBOT = get_robot("raven2", "left")
+ROBOT, FORCEPS = get_robot("raven2", "left"), get_robot("forceps")
 SPACE = workspace_of(ROBOT)
 # uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py
 SHRINK = np.array([np.deg2rad(5), np.deg2rad(10), 0.02])
@@ -20,13 +19,15 @@ FASTEST = np.array([np.deg2rad(3), np.deg2rad(4), 0.007])
 @pytest.mark.parametrize("seed", range(2))
 def test_turns_and_speeds_are_in_the_ranges(seed, profile):
     motion = random_motion(ROBOT, 1200.0, seed, profile=profile)
+    assert motion.positions[0] == pytest.approx(SPACE.centre)
+    assert motion.times[[0, -1]] == pytest.approx([0.0, 1200.0])
     for k, path in enumerate(motion.positions.T):
         speed = np.diff(path) / np.diff(motion.times)
         turns = np.flatnonzero(np.sign(speed[1:]) != np.sign(speed[:-1])) + 1
         assert len(turns) > 10
-        turning = path[turns]
-        to_edge = np.minimum(turning - SPACE.lower[k], SPACE.upper[k] - turning)
+        to_edge = np.minimum(path - SPACE.lower[k], SPACE.upper[k] - path)
         assert (to_edge >= 0.0).all()
+        to_edge = to_edge[turns]
         assert (to_edge <= SHRINK[k] * (1 + 1e-3)).all()
         peaks = [np.abs(part).max() for part in np.split(speed, turns)[1:-1]]
         assert min(peaks) >= SLOWEST[k] * 0.99
@@ -69,35 +70,11 @@ def test_the_laboratorys_profile_is_that_of_its_control_loop():
         assert (speed[begin:end] > 0.99 * peak).mean() > 0.5  # constant for most of the way
 
 
-def test_half_a_cosine_dwells_at_the_ends_more_than_the_laboratorys_profile():
-    outside = []
-    for profile in ("cosine", "laboratory"):
-        shares = (random_motion(ROBOT, 1200.0, 3, profile=profile).positions - SPACE.centre) / (
-            SPACE.extent / 2
-        )
-        outside.append((np.abs(shares[:, 0]) > 1 / np.sqrt(3)).mean())
-    assert outside[0] > 0.5 > outside[1] > 0.35
-
-
-def test_an_unknown_profile_is_refused():
-    with pytest.raises(TrajectoryError, match="no profile called 'sine'; did you mean 'cosine'"):
-        random_motion(ROBOT, 60.0, profile="sine")
-
-
 def test_same_seed_same_motion_and_a_longer_one_goes_on():
     short, long = random_motion(ROBOT, 100.0, 5), random_motion(ROBOT, 300.0, 5)
     assert np.array_equal(short.positions, random_motion(ROBOT, 100.0, 5).positions)
     assert np.array_equal(short.positions, long.positions[: len(short)])
     assert not np.array_equal(short.positions, random_motion(ROBOT, 100.0, 6).positions)
-
-
-def test_starts_at_the_centre_and_ends_inside_the_limits():
-    motion = random_motion(ROBOT, 60.0, 2)
-    assert motion.positions[0] == pytest.approx(SPACE.centre)
-    motion.check_within(ROBOT)
-    assert (motion.positions[-1] >= SPACE.lower).all()
-    assert (motion.positions[-1] <= SPACE.upper).all()
-    assert motion.times[[0, -1]] == pytest.approx([0.0, 60.0])
 
 
 def test_lines_between_points_are_close_to_the_curve():
@@ -108,10 +85,33 @@ def test_lines_between_points_are_close_to_the_curve():
 
 
 def test_any_robot_with_a_workspace_can_move_at_random():
-    forceps = get_robot("forceps")
-    space, motion = forceps.workspace, random_motion(forceps, 120.0, 2)
+    space, motion = FORCEPS.workspace, random_motion(FORCEPS, 120.0, 2)
     assert motion.joints == ("jaw",)
     assert (motion.positions >= space.lower).all()
     assert (motion.positions <= space.upper).all()
     peak = np.abs(np.diff(motion.positions[:, 0])).max() * 20.0
     assert 0.5 * space.speed[0] < peak <= space.speed[0] * (1 + 1e-9)
+
+
+def test_it_covers_the_workspace_from_its_centre_in_its_time():
+    motion = nested_motion(FORCEPS, rate=200.0)
+    jaw, t = np.degrees(motion.positions[:, 0]), motion.times
+    assert (jaw[0], t[-1]) == (0.0, 65.0)
+    assert (jaw.min(), jaw.max()) == pytest.approx((-50.0, 50.0), abs=0.01)
+    assert 18.0 < np.abs(np.gradient(jaw, t)).max() < 25.0
+
+
+def test_it_holds_loops_of_three_sizes_in_every_third():
+    jaw = np.degrees(nested_motion(FORCEPS, rate=200.0).positions[:, 0])
+    turns = jaw[1:-1][np.diff(np.sign(np.diff(jaw))) != 0]
+    size, middle = np.abs(np.diff(turns)), (turns[1:] + turns[:-1]) / 2
+    for low, high in ((-50, -15), (-15, 15), (15, 50)):
+        inside = size[(low < middle) & (middle < high)]
+        assert ((inside > 5) & (inside < 12)).any()
+        assert ((inside > 20) & (inside < 30)).any()
+    assert (size > 99).sum() == 3
+
+
+def test_a_longer_one_is_slower():
+    short, long = (nested_motion(FORCEPS, duration) for duration in (65.0, 130.0))
+    np.testing.assert_allclose(long.positions[::2], short.positions, atol=1e-12)

@@ -1,7 +1,5 @@
 """A hand that steers a twin seats its tip where the dimple is, from the side that was asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

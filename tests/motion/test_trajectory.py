@@ -66,6 +66,7 @@ def test_other_units_are_refused():
         *((random_motion, (ROBOT, duration), "must be within") for duration in (0.0, np.nan, 1e6)),
         (partial(random_motion, rate=0.5), (ROBOT, 60.0), "must be within"),
         (random_motion, (ROBOT, 60.0, -1), "seed is -1"),
+        (partial(random_motion, profile="sine"), (ROBOT,), "no profile called 'sine'; did you"),
         (random_motion, (KUKA,), "no calibration workspace is known for kuka_kr300"),
         *((nested_motion, (FORCEPS, duration), "must be within") for duration in (5.0, np.nan)),
         (partial(nested_motion, rate=0.0), (FORCEPS,), "must be within"),

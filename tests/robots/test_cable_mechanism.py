@@ -2,16 +2,14 @@
 
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from truejoint import schema
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, arm_names, get_robot
-from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots import Robot, get_robot
+from truejoint.robots.cable_mechanism import CableMechanism, Forceps
 from truejoint.simulation import make_twin
 
 TOOL = """
@@ -44,27 +42,18 @@ moments = { tip = -4e-3 }
 
 
 @pytest.mark.parametrize(
-    ("number", "discs", "pitch", "yaw", "opening"),
-    [  # ActuatorToJointPosition of each file, multiplied out by hand
-        ("400006", (0.1, 0.2, 0.5), 0.10186, -0.08306 + 0.6089 * 0.7, 1.2177 * 0.3),
-        ("420172", (0.1, 0.2, 0.5), 0.1, -0.0630273 + 0.457982 * 0.7, 0.915964 * 0.3),
-        ("420093", (0.1, 0.2, 0.5), 0.1, -0.05068 - 0.5135 * 0.7, 0.5279 * 0.3),
-        (
-            "420230",
-            (0.1, 0.2, 0.5),
-            0.1,
-            -0.0506756 + 0.513513 * 0.7,
-            0.527898 * 0.2 - 0.052789 * 5,
-        ),
-        ("raven_cadiere", (0.1, 0.2, 0.5), 0.1, -0.07 + 0.35, 0.3),
+    ("number", "pitch", "yaw", "opening"),
+    [  # ActuatorToJointPosition of each file at discs of 0.1, 0.2, 0.5, multiplied out by hand
+        ("400006", 0.10186, -0.08306 + 0.6089 * 0.7, 1.2177 * 0.3),
+        ("420172", 0.1, -0.0630273 + 0.457982 * 0.7, 0.915964 * 0.3),
+        ("420093", 0.1, -0.05068 - 0.5135 * 0.7, 0.5279 * 0.3),
+        ("420230", 0.1, -0.0506756 + 0.513513 * 0.7, 0.527898 * 0.2 - 0.052789 * 5),
+        ("raven_cadiere", 0.1, -0.07 + 0.35, 0.3),
     ],
 )
-def test_an_instrument_turns_as_its_file_says(
-    number: str, discs: tuple[float, ...], pitch: float, yaw: float, opening: float
-) -> None:
+def test_an_instrument_turns_as_its_file_says(number, pitch, yaw, opening):
     transmission = get_robot("wrist", number).transmission
-    assert transmission is not None
-    found, jaw1, jaw2 = transmission.joint_from_motor(discs)
+    found, jaw1, jaw2 = transmission.joint_from_motor((0.1, 0.2, 0.5))
     assert found == pytest.approx(pitch)
     last_digit = 5e-5  # of the files
     assert 0.5 * (jaw1 + jaw2) == pytest.approx(yaw, abs=last_digit)
@@ -72,24 +61,12 @@ def test_an_instrument_turns_as_its_file_says(
 
 
 @pytest.mark.parametrize("number", ["420006", "420172", "420309", "raven_cadiere"])
-def test_a_disc_of_one_jaw_presses_on_no_pin_of_the_other(number: str) -> None:
+def test_a_disc_of_one_jaw_presses_on_no_pin_of_the_other(number):
     mechanism = get_robot("wrist", number).mechanism
-    assert mechanism is not None
     assert np.count_nonzero(mechanism.moments, axis=0).tolist() == [6, 2, 2]
 
 
-@pytest.mark.parametrize("number", arm_names("wrist"))
-def test_every_instrument_comes_back_from_plain_data(number: str) -> None:
-    robot = get_robot("wrist", number)
-    again = Robot.from_dict(json.loads(json.dumps(robot.to_dict(), sort_keys=True)))
-    assert again.to_dict() == robot.to_dict()
-    assert again.mechanism is not None
-    # What a loop's one cable gets its other gives, so that no pose stretches both.
-    moments = again.mechanism.moments.reshape(-1, 2, 3)
-    np.testing.assert_array_equal(moments[:, 0], -moments[:, 1])
-
-
-def test_a_mechanism_is_one_short_line_among_settings() -> None:
+def test_a_mechanism_is_one_short_line_among_settings():
     said = repr(get_robot("wrist").mechanism)
     assert said == "<pitch, jaw1, jaw2 by 3 motors and 6 cables>"
 
@@ -98,51 +75,55 @@ def test_a_mechanism_is_one_short_line_among_settings() -> None:
     ("asked", "near"),
     [("4200061", "420006"), ("420171", "420172"), ("raven_needle", "raven_needle_driver")],
 )
-def test_an_unknown_instrument_names_the_nearest(asked: str, near: str) -> None:
+def test_an_unknown_instrument_names_the_nearest(asked, near):
     with pytest.raises(RobotError, match=f"no arm called '{asked}'; did you mean '{near}'"):
         get_robot("wrist", asked)
 
 
-def test_a_file_of_ones_own_becomes_a_twin(tmp_path: Path) -> None:
+@pytest.fixture
+def finger(tmp_path):
     path = tmp_path / "finger.toml"
-    path.write_text(TOOL)
+
+    def changed(old, new):
+        assert old in TOOL
+        path.write_text(TOOL.replace(old, new))
+        return path
+
+    return changed
+
+
+def test_a_file_of_ones_own_becomes_a_twin(finger):
+    path = finger("", "")
     robot = get_robot(path)
-    assert robot.transmission is not None
     assert robot.transmission.matrix[0, 0] == pytest.approx(4.0 / 9.75)
     twin = make_twin(str(path), seed=1)
     assert twin.home().measured[-1, 0] == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_gear_turns_the_motor_faster_than_its_capstan(tmp_path: Path) -> None:
-    path = tmp_path / "finger.toml"
-    path.write_text(TOOL.replace("drive = 9.75e-3", "drive = { radius = 9.75e-3, gear = 35 }"))
-    mechanism = get_robot(path).mechanism
-    assert mechanism is not None
+def test_a_gear_turns_the_motor_faster_than_its_capstan(finger):
+    geared = "drive = {{ radius = 9.75e-3, gear = {} }}"
+    mechanism = get_robot(finger("drive = 9.75e-3", geared.format(35))).mechanism
     assert mechanism.coupling[0, 0] == pytest.approx(35.0 * 4.0 / 9.75)
     assert mechanism.radii == pytest.approx([9.75e-3 / 35.0])
-    path.write_text(TOOL.replace("drive = 9.75e-3", "drive = { radius = 9.75e-3, gear = 0.5 }"))
     with pytest.raises(RobotError, match=r"motors.drive.gear is 0.5; want a number from 1"):
-        get_robot(path)
+        get_robot(finger("drive = 9.75e-3", geared.format(0.5)))
 
 
 @pytest.mark.parametrize("table", ["", "jaw_radius = 6e-3"])
-def test_a_forceps_of_ones_own_becomes_a_twin(tmp_path: Path, table: str) -> None:
+def test_a_forceps_of_ones_own_becomes_a_twin(tmp_path, table):
     path = tmp_path / "mine.toml"
     path.write_text(f'name = "mine"\n[[joints]]\nname = "jaw"\n[mechanism]\n{table}\n')
     twin = make_twin(str(path), seed=1)
     assert twin.home().joint[-1, 0] == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_transmission_beside_the_cables_must_be_theirs(tmp_path: Path) -> None:
-    path = tmp_path / "finger.toml"
-    path.write_text(TOOL.replace('name = "finger"', 'name = "finger"\ntransmission = [[2.0]]'))
+def test_a_transmission_beside_the_cables_must_be_theirs(finger):
     with pytest.raises(RobotError, match="another than that of its cables; leave it out"):
-        get_robot(path)
+        get_robot(finger('name = "finger"', 'name = "finger"\ntransmission = [[2.0]]'))
 
 
-def plain() -> dict[str, Any]:
+def plain():
     mechanism = get_robot("wrist").mechanism
-    assert mechanism is not None
     values = json.loads(json.dumps(schema.plain(mechanism)))
     for key in ("pins", "motors", "arms"):  # as a file has them
         values[key] = {row.pop("name"): row for row in values[key]}
@@ -150,7 +131,7 @@ def plain() -> dict[str, Any]:
     return values
 
 
-def spoilt(*path: Any, value: Any) -> dict[str, Any]:
+def spoilt(*path, value):
     values = plain()
     at = values
     for key in path[:-1]:
@@ -184,13 +165,13 @@ def spoilt(*path: Any, value: Any) -> dict[str, Any]:
         (spoilt("arms", "pitch", value={"nose": 1.0}), "no joint called 'nose'"),
     ],
 )
-def test_what_cannot_be_is_refused(values: dict[str, Any], told: str) -> None:
+def test_what_cannot_be_is_refused(values, told):
     with pytest.raises(RobotError, match=told) as error:
         schema.read(CableMechanism, values, "mechanism", RobotError)
     assert "\n" not in str(error.value)
 
 
-def test_a_coupling_that_cannot_be_inverted_is_refused() -> None:
+def test_a_coupling_that_cannot_be_inverted_is_refused():
     values = plain()
     for cable in values["cables"][2:4]:  # the first jaw's cables turn the pitch alone
         cable["moments"] = {"pitch": cable["sign"] * 2e-3}
@@ -198,17 +179,53 @@ def test_a_coupling_that_cannot_be_inverted_is_refused() -> None:
         schema.read(CableMechanism, values, "mechanism", RobotError)
 
 
-def test_pins_and_joints_are_the_same() -> None:
-    values = get_robot("wrist").to_dict()
-    values["mechanism"] = plain()
-    pins = values["mechanism"]["pins"]
-    values["mechanism"]["pins"] = {name: pins[name] for name in ("jaw1", "pitch", "jaw2")}
+def test_cables_turn_the_joints_in_their_order_and_no_slide():
+    values, mechanism = get_robot("wrist").to_dict(), plain()
+    mechanism["pins"] = {name: mechanism["pins"][name] for name in ("jaw1", "pitch", "jaw2")}
     with pytest.raises(RobotError, match="pins jaw1, pitch, jaw2; want one for each joint, in ord"):
-        Robot.from_dict(values)
-
-
-def test_a_cable_turns_no_slide() -> None:
-    values = get_robot("wrist").to_dict()
+        Robot.from_dict({**values, "mechanism": mechanism})
     values["joints"][0] |= {"kind": "prismatic"}
     with pytest.raises(RobotError, match="joint 'pitch' is prismatic; cables here turn revolute"):
         Robot.from_dict(values)
+
+
+TABLE_1 = Forceps()
+
+
+def test_a_forceps_is_a_mechanism_of_two_cables():
+    turn, count = 2 * math.pi * 35.0, 2 * math.pi / 4000  # of the wheel, of the motor's encoder
+    assert turn / TABLE_1.motor_per_jaw == pytest.approx(2 * math.pi * 9.75 / 4.0)
+    assert math.degrees(count / TABLE_1.motor_per_jaw) == pytest.approx(0.00627, abs=1e-5)
+    mechanism = get_robot("forceps").mechanism
+    assert Forceps.of(mechanism) == TABLE_1
+    assert mechanism.coupling.tolist() == [[TABLE_1.motor_per_jaw]]
+    assert mechanism.radii[0] == pytest.approx(9.75e-3 / 35.0)
+    for mechanism in (None, get_robot("wrist").mechanism):
+        with pytest.raises(RobotError, match="the mechanism is not a forceps'; want one joint"):
+            Forceps.of(mechanism)
+
+
+def test_a_robot_file_states_what_differs_from_table_1():
+    values = {"name": "mine", "joints": [{"name": "j"}], "mechanism": {"gear_ratio": 50}}
+    robot = Robot.from_dict(values)
+    assert Forceps.of(robot.mechanism) == TABLE_1._replace(gear_ratio=50.0)
+    again = Robot.from_dict(robot.to_dict())
+    assert again.to_dict() == robot.to_dict()
+    assert Forceps.of(again.mechanism) == Forceps.of(robot.mechanism)
+    with pytest.raises(RobotError, match="mine: mechanism is 3; want a table"):
+        Robot.from_dict({**values, "mechanism": 3}, "mine")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "rule"),
+    [
+        ("jaw_radius", -4e-3, "jaw_radius is .*from 0.001 to 0.02"),
+        ("wheel_radius", math.nan, "wheel_radius is .*from 0.001 to 0.1"),
+        ("gear_ratio", 0.5, "gear_ratio is .*from 1 to 1000"),
+        ("spring_stiffness", "stiff", "spring_stiffness is .*from 10 to 10000"),
+        ("cable", 1.0, "no key called"),
+    ],
+)
+def test_a_forceps_that_cannot_be_is_refused(name, value, rule):
+    with pytest.raises(RobotError, match=f"mechanism: {rule}"):
+        schema.read(Forceps, {name: value}, "mechanism", RobotError)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.errors import RobotError
 from truejoint.robots import get_robot
-from truejoint.robots.chain import SerialChain
+from truejoint.robots.chain import SerialChain, reach
 from truejoint.robots.parts import Axis
 
 angle = st.floats(-np.pi, np.pi)
@@ -17,13 +17,13 @@ axis = st.builds(Axis, angle, length, length, angle, st.sampled_from(["revolute"
 
 
 @pytest.fixture(params=[("raven2", "left"), ("raven2", "right"), ("dvrk_psm", "")], ids="-".join)
-def chain(request: pytest.FixtureRequest) -> SerialChain:
+def chain(request):
     kinematics = get_robot(*request.param).kinematics
     assert isinstance(kinematics, SerialChain)
     return kinematics
 
 
-def matrix_of(axis: Axis, value: float) -> np.ndarray:
+def matrix_of(axis, value):
     """Rx(alpha) Tx(a) Rz(theta) Tz(d), each factor written out."""
     turn_x, shift_x, turn_z, shift_z = (np.eye(4) for _ in range(4))
     turn_x[:3, :3] = Rotation.from_euler("x", axis.alpha).as_matrix()
@@ -34,7 +34,7 @@ def matrix_of(axis: Axis, value: float) -> np.ndarray:
     return turn_x @ shift_x @ turn_z @ shift_z
 
 
-def frames_of(chain: SerialChain, joint: np.ndarray) -> list[np.ndarray]:
+def frames_of(chain, joint):
     pose, frames = np.eye(4), []
     for axis, value in zip(chain.axes, chain.axis_from_joint @ joint, strict=True):
         pose = pose @ matrix_of(axis, value)
@@ -44,7 +44,7 @@ def frames_of(chain: SerialChain, joint: np.ndarray) -> list[np.ndarray]:
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(axis, min_size=1, max_size=7), st.integers(0, 2**32 - 1))
-def test_any_chain_is_the_product_of_its_matrices(axes: list[Axis], seed: int) -> None:
+def test_any_chain_is_the_product_of_its_matrices(axes, seed):
     random = np.random.default_rng(seed)
     chain = SerialChain(tuple(axes), random.normal(size=(len(axes), 3)))
     joint = random.normal(size=3)
@@ -53,7 +53,7 @@ def test_any_chain_is_the_product_of_its_matrices(axes: list[Axis], seed: int) -
     np.testing.assert_allclose(chain.link_frames(joint), expected, atol=1e-12)
 
 
-def test_robot_is_the_product_of_its_matrices(chain: SerialChain) -> None:
+def test_robot_is_the_product_of_its_matrices(chain):
     joints = np.random.default_rng(1).uniform(-1, 1, (20, 7))
     for joint, pose in zip(joints, chain.forward(joints), strict=True):
         expected = frames_of(chain, joint)[-1]
@@ -61,7 +61,7 @@ def test_robot_is_the_product_of_its_matrices(chain: SerialChain) -> None:
         np.testing.assert_allclose(pose, expected, atol=1e-14)
 
 
-def test_jacobian_is_the_derivative_of_the_pose(chain: SerialChain) -> None:
+def test_jacobian_is_the_derivative_of_the_pose(chain):
     joints = np.random.default_rng(3).uniform(-1, 1, (10, 7))
     step = 1e-6
     for joint, jacobian in zip(joints, chain.jacobian(joints), strict=True):
@@ -75,7 +75,7 @@ def test_jacobian_is_the_derivative_of_the_pose(chain: SerialChain) -> None:
         np.testing.assert_allclose(jacobian, np.hstack([linear, angular]).T, atol=1e-8)
 
 
-def test_any_leading_shape_is_kept(chain: SerialChain) -> None:
+def test_any_leading_shape_is_kept(chain):
     joints = np.random.default_rng(4).uniform(-1, 1, (3, 2, 7))
     n_axes = len(chain.axes)
     assert chain.forward(joints).shape == (3, 2, 4, 4)
@@ -87,13 +87,13 @@ def test_any_leading_shape_is_kept(chain: SerialChain) -> None:
 
 
 @pytest.mark.parametrize("shape", [(), (6,), (7, 6), (8,)])
-def test_wrong_number_of_joints_is_refused(chain: SerialChain, shape: tuple[int, ...]) -> None:
+def test_wrong_number_of_joints_is_refused(chain, shape):
     for method in (chain.forward, chain.link_frames, chain.jacobian):
         with pytest.raises(RobotError, match="last dimension must be the 7 joints"):
             method(np.zeros(shape))
 
 
-def test_missing_joint_spoils_only_what_it_moves(chain: SerialChain) -> None:
+def test_missing_joint_spoils_only_what_it_moves(chain):
     joint = np.full(7, 0.3)
     joint[6] = np.nan
     frames = chain.link_frames(joint)
@@ -102,7 +102,7 @@ def test_missing_joint_spoils_only_what_it_moves(chain: SerialChain) -> None:
     assert np.isnan(chain.forward(joint)).any() == moves_tool
 
 
-def test_a_chain_up_to_a_joint_ends_with_the_link_that_it_moves(chain: SerialChain):
+def test_a_chain_up_to_a_joint_ends_with_the_link_that_it_moves(chain):
     joint = np.linspace(0.2, 0.5, chain.axis_from_joint.shape[1])
     frames = frames_of(chain, joint)
     for k in range(5):
@@ -113,3 +113,29 @@ def test_a_chain_up_to_a_joint_ends_with_the_link_that_it_moves(chain: SerialCha
     still = SerialChain(chain.axes[:2], np.eye(2, 3))
     with pytest.raises(RobotError, match="moves no axis"):
         still.up_to(2)
+
+
+@pytest.mark.parametrize("name", ["raven2", "dvrk_psm"])
+def test_the_tip_is_where_it_was_wanted(name):
+    robot, rng = get_robot(name), np.random.default_rng(0)
+    seed = robot.home.copy()
+    seed[robot.index(robot.positioning[2:3])] += 0.05
+    there = np.tile(seed, (5, 1))
+    columns = robot.index(robot.positioning)
+    there[:, columns[:2]] += rng.uniform(-0.2, 0.2, (5, 2))
+    points = robot.kinematics.forward(there)[:, :3, 3]
+    joint, reached = reach(robot, points, seed, robot.positioning[:3])
+    assert reached.all()
+    assert robot.kinematics.forward(joint)[:, :3, 3] == pytest.approx(points, abs=2e-9)
+    still = [k for k in range(len(seed)) if k not in columns[:3]]
+    assert (joint[:, still] == seed[still]).all()
+
+
+def test_points_out_of_reach_and_unknown_geometry_are_told():
+    robot = get_robot("raven2")
+    near = robot.kinematics.forward(robot.home)[:3, 3]
+    shoulder_axis = np.array([0.0, 0.0, 0.1])
+    _, reached = reach(robot, [near, shoulder_axis], robot.home)
+    assert reached.tolist() == [True, False]
+    with pytest.raises(RobotError, match="kinematics of davinci_grasper"):
+        reach(get_robot("davinci_grasper"), [near], [0.0])

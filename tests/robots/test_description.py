@@ -2,8 +2,6 @@
 
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, get_robot, robot_names
+from truejoint.robots import Robot, arm_names, get_robot, robot_names
 from truejoint.robots.chain import SerialChain
 
 TOOL = """
@@ -44,17 +42,24 @@ axes = [{ d = 0.1, kind = "prismatic" }, { alpha = 90, a = 0.02 }]
 lower = 20
 upper = 200
 speed = 25
+
+[[encoders]]
+joint = "lift"
+resolution = 0.005
+hard_stop = 5
+end = "lower"
+direction = -1
 """
 
 
 @pytest.fixture
-def tool(tmp_path: Path) -> Path:
+def tool(tmp_path):
     path = tmp_path / "tool.toml"
     path.write_text(TOOL)
     return path
 
 
-def test_a_robot_file_says_what_a_robot_is(tool: Path) -> None:
+def test_a_robot_file_says_what_a_robot_is(tool):
     robot = get_robot(tool, "Left")
     assert robot.title == "tool (left arm)"
     assert robot.joint("lift").upper == 0.25
@@ -64,22 +69,19 @@ def test_a_robot_file_says_what_a_robot_is(tool: Path) -> None:
     assert robot.unused_channels == ("spare",)
     assert robot.positioning == ("lift",)
     assert robot.effort == "motor"
-    assert robot.transmission is not None
     assert np.array_equal(robot.transmission.motor_from_joint([1, 2]), [100, 40.5])
-    assert robot.kinematics is not None
     # The second axis points along -y of the first, so the jaw does not move the tool.
     np.testing.assert_allclose(robot.kinematics.forward([0.1, 0.3])[:3, 3], [0.02, 0, 0.2])
 
 
-def test_a_robot_file_may_say_where_a_calibration_moves(tool: Path) -> None:
+def test_a_robot_file_may_say_where_a_calibration_moves(tool):
     space = get_robot(tool).workspace
-    assert space is not None
     assert space.joints == ("lift",)
     assert [space.lower[0], space.upper[0], space.speed[0]] == [0.02, 0.2, 0.025]
     assert space.margin is None
 
 
-def test_a_robot_goes_wherever_a_name_goes(tool: Path) -> None:
+def test_a_robot_goes_wherever_a_name_goes(tool):
     robot = get_robot(tool, "right")
     assert get_robot(robot) is robot
     assert get_robot(robot, "right") is robot
@@ -90,21 +92,26 @@ def test_a_robot_goes_wherever_a_name_goes(tool: Path) -> None:
         get_robot("tool")
 
 
-@pytest.mark.parametrize("name", robot_names())
-def test_plain_data_make_the_robot_again(name: str) -> None:
-    robot = get_robot(name)
-    values = json.loads(json.dumps(robot.to_dict(), allow_nan=False))
+@pytest.mark.parametrize(
+    ("name", "arm"),
+    [*((name, "") for name in robot_names()), *(("wrist", arm) for arm in arm_names("wrist"))],
+)
+def test_plain_data_make_the_robot_again(name, arm):
+    robot = get_robot(name, arm)
+    values = json.loads(json.dumps(robot.to_dict(), allow_nan=False, sort_keys=bool(arm)))
     again = Robot.from_dict(values)
     assert again.to_dict() == robot.to_dict()
     assert again.joints == robot.joints
     assert (again.workspace is None) == (robot.workspace is None)
+    if arm:  # what a loop's one cable gets its other gives, so that no pose stretches both
+        moments = again.mechanism.moments.reshape(-1, 2, 3)
+        np.testing.assert_array_equal(moments[:, 0], -moments[:, 1])
     if isinstance(robot.kinematics, SerialChain):
-        assert again.kinematics is not None
         pose = robot.kinematics.forward(robot.home)
         assert np.array_equal(again.kinematics.forward(robot.home), pose)
 
 
-def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool: Path) -> None:
+def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool):
     get_robot(tool)
     tool.write_text(TOOL.replace("home = 20", "home = 30"))
     assert get_robot(tool).joint("lift").home == 0.03
@@ -145,15 +152,21 @@ def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool: Path)
         ("workspace.lift", "workspace.lid", "no joint called 'lid'; known: lift, jaw"),
         ("upper = 200", "upper = 20", "workspace.lift: lower must be below upper"),
         (
+            "resolution = 0.005",
+            "resolution = 0",
+            r"encoders\[0\].resolution is 0; want a number",
+        ),
+        ("direction = -1", "direction = 2", "direction is 2; want 1 or -1"),
+        ('end = "lower"', 'end = "middle"', "end is 'middle'; want lower or upper"),
+        ('joint = "lift"', 'joint = "left"', "did you mean 'lift'"),
+        (
             "speed = 25",
             "speed = 25\nmargin = 9\n[workspace.jaw]\nlower = 0\nupper = 20\nspeed = 5",
             "workspace: margin is missing for jaw; state it for every joint or for none",
         ),
     ],
 )
-def test_what_breaks_a_rule_is_named_in_one_line(
-    tool: Path, old: str, new: str, message: str
-) -> None:
+def test_what_breaks_a_rule_is_named_in_one_line(tool, old, new, message):
     assert old in TOOL
     tool.write_text(TOOL.replace(old, new))
     with pytest.raises(RobotError, match=message) as error:
@@ -163,7 +176,7 @@ def test_what_breaks_a_rule_is_named_in_one_line(
     assert len(str(error.value)) < 300 + len(str(tool))
 
 
-def test_a_file_that_is_not_there_or_without_the_arm_is_named(tool: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_or_without_the_arm_is_named(tool, tmp_path):
     with pytest.raises(RobotError, match=r"none.toml: cannot be read \(No such file"):
         get_robot(tmp_path / "none.toml")
     with pytest.raises(RobotError, match="no arm called 'middle'; its arms: left, right"):
@@ -184,9 +197,7 @@ json_values = st.recursive(
     value=json_values,
     inside=st.sampled_from([(), (0, "name"), (0, "kind"), (0, "lower"), ("axes",), ("axes", 0)]),
 )  # fmt: skip
-def test_any_data_are_a_robot_or_refused_in_one_line(
-    path: str, value: Any, inside: tuple[Any, ...]
-) -> None:
+def test_any_data_are_a_robot_or_refused_in_one_line(path, value, inside):
     values = json.loads(json.dumps(get_robot("dvrk_psm").to_dict()))
     values.setdefault(path, None)
     place, key = values, path
@@ -203,18 +214,7 @@ def test_any_data_are_a_robot_or_refused_in_one_line(
     assert "\n" not in message
 
 
-ENCODERS = """
-[[encoders]]
-joint = "lift"
-resolution = 0.005
-hard_stop = 5
-end = "lower"
-direction = -1
-"""
-
-
 def test_a_file_states_temporary_encoders_in_the_units_of_their_joints(tool):
-    tool.write_text(TOOL + ENCODERS)
     robot = get_robot(str(tool), "left")
     (encoder,) = robot.encoders
     assert (encoder.joint, encoder.end, encoder.direction, encoder.tolerance) == (
@@ -223,22 +223,3 @@ def test_a_file_states_temporary_encoders_in_the_units_of_their_joints(tool):
     assert encoder.resolution == pytest.approx(5e-6)
     assert encoder.hard_stop == pytest.approx(5e-3)
     assert Robot.from_dict(json.loads(json.dumps(robot.to_dict()))).encoders == robot.encoders
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "says"),
-    [
-        (
-            "resolution = 0.005",
-            "resolution = 0",
-            r"encoders\[0\].resolution is 0; want a number ab",
-        ),
-        ("direction = -1", "direction = 2", "direction is 2; want 1 or -1"),
-        ('end = "lower"', 'end = "middle"', "end is 'middle'; want lower or upper"),
-        ('joint = "lift"', 'joint = "left"', "did you mean 'lift'"),
-    ],
-)
-def test_encoders_that_cannot_be_are_refused(tool, before, after, says):
-    tool.write_text(TOOL + ENCODERS.replace(before, after))
-    with pytest.raises(RobotError, match=says):
-        get_robot(str(tool))

@@ -9,36 +9,19 @@ from truejoint.errors import RobotError
 from truejoint.robots import Joint, Robot, Transmission
 
 
-@pytest.fixture
-def gantry() -> Robot:
-    return Robot(
-        "gantry",
-        (Joint("lift", "prismatic"), Joint("turn")),
-        arm="a",
-        channels=("lift", "spare", "turn"),
-    )
-
-
-def test_units_follow_the_kind_of_joint(gantry: Robot) -> None:
+def test_a_robot_is_its_joints_and_the_channels_of_its_messages():
+    joints = Joint("lift", "prismatic"), Joint("turn")
+    gantry = Robot("gantry", joints, arm="a", channels=("lift", "spare", "turn"))
     assert [joint.unit for joint in gantry.joints] == ["m", "rad"]
     assert [joint.effort_unit for joint in gantry.joints] == ["N", "Nm"]
-
-
-def test_channel_without_a_joint_is_unused(gantry: Robot) -> None:
     assert gantry.unused_channels == ("spare",)
     assert gantry.title == "gantry (a arm)"
-
-
-def test_channels_and_positioning_default_to_the_joints() -> None:
-    robot = Robot("one", (Joint("jaw"),))
-    assert robot.channels == robot.positioning == ("jaw",)
-    assert robot.title == "one"
-
-
-def test_unknown_joint_is_refused_with_the_known_ones(gantry: Robot) -> None:
     assert gantry.index(["turn", "lift"]) == [1, 0]
     with pytest.raises(RobotError, match=r"gantry \(a arm\): no joint called 'spare'.* lift, turn"):
         gantry.index(["lift", "spare"])
+    alone = Robot("one", (Joint("jaw"),))
+    assert alone.channels == alone.positioning == ("jaw",)
+    assert alone.title == "one"
 
 
 @pytest.mark.parametrize(
@@ -46,15 +29,13 @@ def test_unknown_joint_is_refused_with_the_known_ones(gantry: Robot) -> None:
     [np.ones(3), np.ones((2, 3)), np.zeros((2, 2)), np.ones((2, 2)), np.diag([1.0, np.nan])],
     ids=["vector", "oblong", "zero", "singular", "nan"],
 )
-def test_transmission_that_cannot_be_inverted_is_refused(matrix: np.ndarray) -> None:
+def test_transmission_that_cannot_be_inverted_is_refused(matrix):
     with pytest.raises(RobotError, match="square, finite and invertible"):
         Transmission(matrix)
 
 
 @given(st.lists(st.floats(-10, 10), min_size=6, max_size=6), st.floats(0.1, 2000), st.floats(-5, 5))
-def test_motor_angles_are_the_matrix_times_the_joints(
-    joints: list[float], ratio: float, coupling: float
-) -> None:
+def test_motor_angles_are_the_matrix_times_the_joints(joints, ratio, coupling):
     transmission = Transmission(np.array([[ratio, 0.0], [coupling, 1.0]]))
     rows = np.reshape(joints, (3, 2))
     motor = transmission.motor_from_joint(rows)

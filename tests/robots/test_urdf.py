@@ -1,7 +1,5 @@
 """Kinematics from a URDF against the transforms of the library that reads it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -25,8 +23,8 @@ links = st.tuples(
 )  # fmt: skip
 
 
-def document(chain: list[tuple[str, tuple, tuple, tuple]], extra: str = "") -> str:
-    def words(values: tuple) -> str:
+def document(chain, extra=""):
+    def words(values):
         return " ".join(map(repr, map(float, values)))
 
     joints = [
@@ -39,7 +37,7 @@ def document(chain: list[tuple[str, tuple, tuple, tuple]], extra: str = "") -> s
     return f'<robot name="r">{names}{"".join(joints)}{extra}</robot>'
 
 
-def joints_of(chain: list[tuple[str, tuple, tuple, tuple]]) -> tuple[Joint, ...]:
+def joints_of(chain):
     return tuple(
         Joint(f"j{n}", "prismatic" if kind == "prismatic" else "revolute")
         for n, (kind, *_) in enumerate(chain)
@@ -48,11 +46,7 @@ def joints_of(chain: list[tuple[str, tuple, tuple, tuple]]) -> tuple[Joint, ...]
 
 
 @given(chain=st.lists(links, min_size=1, max_size=6), seed=st.integers(0, 99))
-def test_poses_are_those_of_the_urdf(
-    tmp_path_factory: pytest.TempPathFactory,
-    chain: list[tuple[str, tuple, tuple, tuple]],
-    seed: int,
-) -> None:
+def test_poses_are_those_of_the_urdf(tmp_path_factory, chain, seed):
     path = tmp_path_factory.mktemp("urdf") / "arm.urdf"
     path.write_text(document(chain))
     joints = (*joints_of(chain), Joint("other"))
@@ -87,18 +81,16 @@ urdf = "arm.urdf"
 
 
 @pytest.fixture
-def arm(tmp_path: Path) -> Path:
+def arm(tmp_path):
     (tmp_path / "arm.urdf").write_text(document(ARM))
     path = tmp_path / "arm.toml"
     path.write_text(FILE)
     return path
 
 
-def test_the_plain_data_no_longer_need_the_urdf(arm: Path) -> None:
+def test_the_plain_data_no_longer_need_the_urdf(arm):
     robot = get_robot(arm)
     again = Robot.from_dict(robot.to_dict())
-    assert robot.kinematics is not None
-    assert again.kinematics is not None
     pose = robot.kinematics.forward([0.3, 0.02])
     assert np.array_equal(again.kinematics.forward([0.3, 0.02]), pose)
 
@@ -124,9 +116,7 @@ def test_the_plain_data_no_longer_need_the_urdf(arm: Path) -> None:
         ),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_named_in_one_line(
-    arm: Path, text: str, old: str, new: str, message: str
-) -> None:
+def test_what_does_not_fit_is_named_in_one_line(arm, text, old, new, message):
     arm.with_suffix(".urdf").write_text(text)
     arm.write_text(FILE.replace(old, new) if old else FILE)
     with pytest.raises(RobotError, match=message) as error:

@@ -1,14 +1,14 @@
 """Parameters of the twins: files laid over the nominal one, and refusal of what makes no sense."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import truejoint.simulation as package
 from truejoint.errors import TruejointError
+from truejoint.robots.cable_mechanism import Forceps
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.simulation.wrist.parameters import WristParameters
@@ -22,7 +22,6 @@ VALUES = [
     for section, values in kind.read().to_dict().items()
     for key, value in values.items()
 ]
-in_tmp_path = settings(max_examples=40, deadline=None)
 
 
 def refused(call, *arguments):
@@ -33,7 +32,7 @@ def refused(call, *arguments):
 
 
 def write(path, text):
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="latin-1")
     return path
 
 
@@ -46,17 +45,11 @@ def test_a_shipped_file_is_commented_and_comes_back_from_plain_values(kind, name
         assert [line for line in lines if "#" not in line] == []
     parameters = kind.read(name)
     assert kind.from_dict(parameters.to_dict()) == parameters
+    assert (parameters == kind.read()) == (name == "nominal")
     for section in parameters.to_dict().values():
         for value in section.values():
             numbers = value if isinstance(value, tuple) else (value,)
             assert all(math.isfinite(v) for v in numbers if not isinstance(v, str))
-
-
-def test_specimens_differ_and_share_what_they_do_not_state():
-    like_the_papers = Raven2Parameters.read("peng2024")
-    assert like_the_papers.pulleys != Raven2Parameters.read().pulleys
-    assert like_the_papers.cable == Raven2Parameters.read("nominal").cable
-    assert Raven2Parameters.read() == Raven2Parameters.read("nominal")
 
 
 def test_a_file_states_only_what_differs(tmp_path):
@@ -89,14 +82,11 @@ def test_every_value_is_checked(kind, section, key, value):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (
-            "[cable]\nstifness = [1.0]\n",
-            "cable: no key called 'stifness'; did you mean 'stiffness'",
-        ),
+        ("[cable]\nstifness = [1.0]\n", "cable: no key called 'stifness'; did you mean 'stif"),
         ("[cables]\nstiffness = [1.0]\n", "no key called 'cables'; did you mean 'cable'"),
         ("stiffness = 3.0\n", "'stiffness' stands outside a section"),
         ("[cable\n", "is not TOML"),
-        ("\x00", "is not TOML"),
+        *((text, "is not TOML") for text in ("\x00", "\xff", "a = " + "[" * 100_000)),
         (f"[mass]\ninstrument = {'9' * 5000}\n", "is not TOML"),
         (f"[mass]\ninstrument = 1{'0' * 400}\n", "mass.instrument is 1000"),
         ("#" * (MAX_BYTES + 1), "holds more than"),
@@ -109,32 +99,25 @@ def test_a_bad_file_is_refused_in_one_line_that_names_it(tmp_path, text, says):
 
 
 def test_a_file_or_specimen_that_is_not_there_is_refused(tmp_path):
-    assert "absent.toml: cannot be read" in refused(
-        ForcepsParameters.read, tmp_path / "absent.toml"
-    )
+    message = refused(ForcepsParameters.read, tmp_path / "absent.toml")
+    assert "absent.toml: cannot be read" in message
     message = refused(Raven2Parameters.read, "peng2042")
     assert "no specimen called 'peng2042'; did you mean 'peng2024'" in message
 
 
-@in_tmp_path
-@given(data=st.one_of(st.binary(max_size=200), st.text(max_size=200).map(str.encode)))
-def test_garbage_never_gets_past_the_door(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("garbage") / "garbage.toml"
-    path.write_bytes(data)
-    refusal, loaded = "", WristParameters.read()
-    try:
-        loaded = WristParameters.read(path)
-    except TruejointError as error:
-        refusal = str(error)
-    assert loaded == WristParameters.read()  # nothing but comments and blanks is accepted
-    assert "\n" not in refusal
+def test_the_shipped_forceps_has_what_the_paper_states():
+    nominal = ForcepsParameters.read()
+    assert nominal.mechanism == Forceps()
+    # Section IV-A. The motor's encoder has 1000 lines, which quadrature makes 4000 counts.
+    assert nominal.motor_encoder.counts == 4000
+    assert nominal.drive_encoder.resolution == 1e-6  # [m], scale RGS-40 with an RH100 head
+    assert nominal.reset_encoder.resolution == 1e-6
+    assert nominal.reference_encoder.counts == 4096  # RM08, 12 bit absolute
+    # A third of 0.65 m of steel cable of 0.45 mm, 0.81 g/m.
+    assert nominal.drive_cable.mass == pytest.approx(0.65 * 0.81e-3 / 3, rel=0.03)
 
 
-@in_tmp_path
-@given(
-    section=st.sampled_from(sorted(WristParameters.read().to_dict())),
-    key=st.text(min_size=1, max_size=20).map(lambda text: f"{text}_"),
-    value=st.one_of(st.floats(), st.integers(), st.text(max_size=5), st.booleans(), st.none()),
-)
-def test_unknown_keys_are_refused_whatever_they_are_called(section, key, value):
-    assert section in refused(WristParameters.read().with_values, {f"{section}.{key}": value})
+def test_modes_faster_than_the_integrator_are_refused():
+    stiff = {"jaw.inertia": 1e-7, "jaw_friction.constant": 0.05, "jaw_friction.presliding": 1e-4}
+    message = refused(ForcepsParameters.read().with_values, stiff)
+    assert re.search(r"mode has \d+ Hz, .* presliding distance", message)

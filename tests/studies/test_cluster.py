@@ -1,7 +1,5 @@
 """Studies on a real Dask scheduler with real workers, on this computer."""
 
-from __future__ import annotations
-
 import os
 import re
 from importlib.metadata import version
@@ -50,17 +48,6 @@ def test_a_worker_that_is_killed_costs_its_part(toy, tmp_path, monkeypatch):
         assert np.array_equal(part.arrays["values"], there.parts[key].arrays["values"])
     # All parts are kept: no scheduler is needed any more.
     assert run_study(toy.study, folder=tmp_path, cluster="tcp://127.0.0.1:9").computed == 0
-
-
-def test_a_part_that_fails_there_leaves_the_others(toy, tmp_path):
-    toy.trouble("refuse@1")
-    with scheduler(n_workers=1, processes=False) as made:
-        with pytest.raises(StudyError, match="toy: part part-1 failed: the plant is out of order"):
-            run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
-        assert sorted(toy.computed) == [0, 2, 3]
-        toy.trouble("")
-        run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
-        assert toy.computed == [1]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from truejoint.estimators.registry import estimator_names

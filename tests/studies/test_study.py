@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from importlib import import_module
@@ -8,8 +6,9 @@ from inspect import signature
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pandas import Series
 
-from truejoint.errors import StudyError
+from truejoint.errors import StudyError, TruejointError
 from truejoint.studies import (
     STUDIES,
     Option,
@@ -20,6 +19,7 @@ from truejoint.studies import (
     Study,
     get_study,
 )
+from truejoint.studies.rows import mean_text
 from truejoint.studies.study import shown
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -71,6 +71,44 @@ def test_wrong_settings_are_refused(arguments, message):
         get_study("forceps-population").settings(**arguments)
 
 
+@pytest.mark.parametrize(
+    ("study", "options", "message"),
+    [
+        ("directions", {"directions": "J4"}, "no direction called 'J4'"),
+        ("directions", {"fine": "4+x"}, "write 4\\+5\\+6"),
+        ("sparsity", {"sets": "2,4+4"}, "write 4\\+5\\+6"),
+        ("endurance", {"works": "resting"}, "no kind of work"),
+        ("endurance", {"load_g": "3000"}, "up to 2000"),
+        ("endurance", {"hours": "0"}, "hours=0"),
+        ("homing", {"training": "4"}, "two zig-zags or more"),
+        ("state-of-the-art", {"models": "transformer"}, "no model called 'transformer'"),
+        ("state-of-the-art", {"hours": "1"}, "at least 2"),
+        ("timing", {"samples": "10"}, "1000 or more"),
+        ("features", {"models": "deep"}, "no model called"),
+        ("real", {"estimators": "transformer"}, "no estimator called"),
+        ("real", {"datasets": "lab"}, "no data set called"),
+        ("wrist", {"estimators": "plays"}, "no estimator called 'plays'"),
+        ("wrist", {"family": "rods"}, "no family called 'rods'"),
+        ("wrist", {"instrument": "42"}, "no arm called '42'"),
+        ("wrist", {"free_s": "-1"}, r"free_s=-1\.0; it must be above 0"),
+        ("wrist", {"test_s": "1"}, "test_s=1; it must be above 2"),
+        ("forceps-unloaded", {"methods": ("lsm", "svm")}, "no method called 'svm'"),
+        ("forceps-population", {"count": 0}, "a population of 0"),
+        ("forceps-population", {"homing_um": -1}, "homing deviation"),
+        ("forceps-mixed", {"prior": "dahl"}, "no prior called 'dahl'"),
+        ("forceps-mixed", {"masses_g": "9000"}, "a load of 9 kg"),
+        ("forceps-closed-loop", {"rate_hz": 50}, "50 Hz is too slow"),
+        ("forceps-sweep", {"layouts": "x9"}, "no layout called 'x9'"),
+        ("forceps-sweep", {"resolutions_um": "-1"}, "above 0"),
+    ],
+)
+def test_what_cannot_be_asked_of_a_study_is_one_line(study, options, message):
+    asked = get_study(study)
+    with pytest.raises(TruejointError, match=message) as caught:
+        asked.parts(asked.settings(options=options))
+    assert "\n" not in str(caught.value)
+
+
 def test_an_unknown_study_names_the_known():
     with pytest.raises(StudyError, match="no study called 'table2'; known: directions"):
         get_study("table2")
@@ -87,6 +125,11 @@ def test_parts_can_be_sent_to_a_worker_and_labelled(study):
         assert json.loads(json.dumps(part.arguments)).keys() == part.arguments.keys()
         signature(part.compute).bind(**part.arguments)
         assert all(isinstance(value, int | float | str) for value in part.labels.values())
+
+
+def test_a_mean_stands_with_its_spread_where_there_is_one():
+    assert mean_text(Series([1.0, 2.0]), 1) == "1.5 ± 0.7"
+    assert mean_text(Series([3.0]), 1) == "3.0"
 
 
 def test_rows_have_the_labels_of_their_parts():

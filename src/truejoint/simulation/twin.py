@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Any, ClassVar, Final
@@ -163,7 +164,7 @@ class Twin:
 
     def saved(self) -> Callable[[], None]:
         """Note all that `run` changes; what is returned takes the twin back there, once."""
-        values = {name: _copied(getattr(self, name)) for name in self._NOTED}
+        values = {name: deepcopy(getattr(self, name)) for name in self._NOTED}
         states = [stream.bit_generator.state for stream in self._streams]
 
         def back() -> None:
@@ -217,9 +218,3 @@ def glide_at(speed: float, start: Array, end: Array) -> Array:
 def hold(position: Array, duration: float) -> Array:
     """Set-points (n, n_joints) that stay at `position` (n_joints,) for `duration` [s]."""
     return np.tile(position, (round(duration / SETPOINT_DT), 1))
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, tuple):  # named, of arrays
-        return type(value)(*map(_copied, value))
-    return value.copy() if isinstance(value, np.ndarray) else value

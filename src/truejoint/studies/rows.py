@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
 from truejoint.drawing import Figure, ecdf
 from truejoint.tables import Table, fixed, median_text
@@ -62,6 +62,16 @@ def median_texts(
     by = rows.groupby(keys, sort=False)[column]
     texts = by.agg(lambda own: median_text(scale * own.to_numpy(), decimals))
     return texts.unstack(keys[1:])
+
+
+def mean_text(errors: Series, decimals: int) -> str:
+    """Text of a mean, with the standard deviation where there are several.
+
+    >>> mean_text(Series([1.0, 2.0]), 1), mean_text(Series([3.0]), 1)
+    ('1.5 ± 0.7', '3.0')
+    """
+    spread = f" ± {fixed(float(errors.std(ddof=1)), decimals)}" if len(errors) > 1 else ""
+    return fixed(float(errors.mean()), decimals) + spread
 
 
 def frame_table(

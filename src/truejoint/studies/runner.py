@@ -9,14 +9,17 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import logging
+import platform
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
+from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,6 +29,7 @@ import numpy as np
 
 import truejoint
 from truejoint.errors import StudyError, TruejointError
+from truejoint.extras import require
 from truejoint.files import write_atomically
 from truejoint.studies.study import Part, PartResult, Results, Study, get_study
 from truejoint.summary import json_values
@@ -35,13 +39,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from truejoint.studies.study import Settings, Summary
-import logging
-import platform
-from contextlib import closing
-from functools import partial
-from importlib.metadata import version
-
-from truejoint.extras import require
 
 Outcome = PartResult | TruejointError
 
@@ -345,9 +342,8 @@ def on_cluster(
 def software() -> str:
     """Versions that results depend on, and a digest of this package's source."""
     digest = hashlib.sha256()
-    folder = Path(truejoint.__file__).parent
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(path.relative_to(_PACKAGE).as_posix().encode() + b"\0" + path.read_bytes())
     packages = (f"{name} {version(name)}" for name in _PACKAGES)
     source = f"source {digest.hexdigest()[:12]}"
     return ", ".join((f"Python {platform.python_version()}", *packages, source))

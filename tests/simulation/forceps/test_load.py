@@ -68,22 +68,16 @@ def test_the_phases_are_those_of_the_paper_in_order():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"mass": -0.1}, "kg"),
-        ({"mass": math.nan}, "kg"),
-        ({"mass": 50.0}, "kg"),
-        ({"mass": 0.1, "direction": "up"}, "opposing"),
-        ({"mass": 0.1, "loaded_from": 5.0}, "times"),
-        ({"mass": 0.1, "end": 25.0}, "times"),
-        ({"mass": 0.1, "speed": 0.0}, "speed"),
-        ({"mass": 0.1, "speed": math.nan}, "speed"),
-        ({"mass": 0.1, "angle": math.inf}, "speed"),
-        ({"mass": 0.1, "end": math.inf}, "times"),
-        ({"mass": 0.1, "end": math.nan}, "times"),
-        ({"mass": 0.1, "rock": 1.0}, "rocks"),
-        ({"mass": 0.1, "rock": -0.1}, "rocks"),
+        *(({"mass": mass}, "kg") for mass in (-0.1, math.nan, 50.0)),
+        ({"direction": "up"}, "opposing"),
+        ({"loaded_from": 5.0}, "times"),
+        *(({"end": end}, "times") for end in (25.0, math.inf, math.nan)),
+        *(({"speed": speed}, "speed") for speed in (0.0, math.nan)),
+        ({"angle": math.inf}, "speed"),
+        *(({"rock": rock}, "rocks") for rock in (1.0, -0.1)),
     ],
 )
 def test_an_impossible_test_is_refused(arguments, says):
     with pytest.raises(TruejointError, match=says) as caught:
-        LoadTest(**arguments)
+        LoadTest(**{"mass": 0.1} | arguments)
     assert "\n" not in str(caught.value)

@@ -48,12 +48,6 @@ def test_noise_comes_on_top_of_the_rounding():
     assert cable.std() == pytest.approx(math.hypot(1e-6 / math.sqrt(12), 0.1e-6), rel=0.02)
 
 
-def test_the_seed_and_nothing_else_draws_the_noise():
-    for one, two in zip(read(seed=3), read(seed=3), strict=True):
-        np.testing.assert_array_equal(one, two)
-    assert not np.array_equal(read(seed=3)[3], read(seed=4)[3])
-
-
 def test_changing_one_sensor_leaves_the_others_alone():
     louder = NOMINAL.with_values({"drive_encoder.noise": 5e-6, "motor_encoder.noise": 1e-3})
     before, after = read(), read(louder)

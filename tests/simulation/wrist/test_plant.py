@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from truejoint import schema
 from truejoint.robots import get_robot
-from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.cable_mechanism import Forceps
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.plant import (
     advance,
@@ -21,19 +20,13 @@ from truejoint.simulation.wrist.plant import (
 )
 
 MECHANISM = get_robot("wrist", "400006").mechanism
-SMOOTH = WristParameters.read().with_values(
-    {
-        "cables.guide_friction": 0.0,
-        "cables.wrist_friction": 0.0,
-        "joint_friction.tension_share": 0.0,
-        "joint_friction.constant": 0.0,
-        "variation.eccentricity": 0.0,
-        "motor.coulomb": 0.0,
-        "motor.viscous": 0.0,
-    }
+LOOSE = WristParameters.read().with_values(  # but for the cables
+    {f"joint_friction.{key}": 0.0 for key in ("tension_share", "constant")}
+    | {f"motor.{key}": 0.0 for key in ("coulomb", "viscous")}
+    | {"variation.eccentricity": 0.0}
 )
-
-
+SMOOTH = LOOSE.with_values({"cables.guide_friction": 0.0, "cables.wrist_friction": 0.0})
+RUBBING = SMOOTH.with_values({"cables.guide_friction": 0.3, "cables.wrist_friction": 0.1})
 EXACT = {"rtol": 1e-10, "atol": 1e-14}
 
 
@@ -100,8 +93,7 @@ def test_without_friction_a_load_gives_what_the_cables_compliance_says():
 
 @pytest.mark.parametrize("travel", [5e-5, -5e-5])
 def test_a_sliding_cable_has_the_capstans_ratio_of_tensions(travel):
-    p = SMOOTH.with_values({"cables.guide_friction": 0.3, "cables.wrist_friction": 0.1})
-    c = built(p)
+    c = built(RUBBING)
     work, nodes = new_work(c), np.zeros((6, 2))
     q = np.array([0.4, 0.0, 0.0])
     number = 2  # its moment about the pitch is positive: 0.4 rad of it shorten the wrap
@@ -122,7 +114,7 @@ def test_a_sliding_cable_has_the_capstans_ratio_of_tensions(travel):
 
 
 def test_a_cable_that_was_slack_pulls_all_along_once_it_is_wound_up():
-    c = built(SMOOTH.with_values({"cables.guide_friction": 0.3, "cables.wrist_friction": 0.1}))
+    c = built(RUBBING)
     work, nodes, q = new_work(c), np.zeros((6, 2)), np.zeros(3)
     for wound in (-1e-3, 0.0, 3e-4):  # let go by far more than its stretch, then wound up at once
         for _ in range(40):
@@ -191,9 +183,7 @@ def test_a_finer_step_moves_the_joints_little(law):
 
 
 def test_effort_of_a_sliding_loop_tells_its_capstans_exponent():
-    free = {"motor.coulomb": 0.0, "motor.viscous": 0.0, "variation.eccentricity": 0.0}
-    pins = {"joint_friction.tension_share": 0.0, "joint_friction.constant": 0.0}
-    c = built(WristParameters.read().with_values({**free, **pins}))
+    c = built(LOOSE)
     t = np.arange(1, 1001) * 1e-3
     log = run(c, (0.4 * t)[:, None] * np.array([0.0, 1.0, 0.0]))
     # Both legs slide, e^f T before and T behind, T e^-f and T: the difference at the motor is
@@ -232,23 +222,8 @@ def test_a_joint_ends_at_its_stops_as_stiff_as_they_are():
 
 
 def test_a_cable_that_ends_at_a_spring_is_the_one_jaw_forceps():
-    tip = {"tip": {"inertia": 1e-6, "radius": 1e-3}}
-    mechanism = schema.read(
-        CableMechanism,
-        {
-            "pins": tip,
-            "motors": {"drive": 9.75e-3},
-            "cables": [
-                {"name": "pull", "motor": "drive", "moments": {"tip": 4e-3}},
-                {"name": "back", "spring": 656.6, "moments": {"tip": -4e-3}},
-            ],
-        },
-        "mechanism",
-    )
-    p = SMOOTH.with_values(
-        {"variation.stiffness": 0.0, "variation.moment": 0.0, "variation.capstan": 0.0}
-    )
-    log = run(built(p, mechanism), held_at([0.3]))
+    p = SMOOTH.with_values({f"variation.{key}": 0.0 for key in ("stiffness", "moment", "capstan")})
+    log = run(built(p, Forceps(gear_ratio=1.0).mechanism()), held_at([0.3]))
     # Statics of yan2020: the drive cable against spring and reset cable in series.
     drive = p.cables.stiffness
     reset = 1.0 / (1.0 / p.cables.stiffness + 1.0 / 656.6)

@@ -1,7 +1,5 @@
 """The forceps studies: what they must show, and what they refuse."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -9,25 +7,21 @@ import pytest
 from pandas import DataFrame
 
 from truejoint.errors import CommandRefused, StudyError, TruejointError
-from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
-from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import get_study, run_study
 from truejoint.studies.forceps import closed_loop, load, methods, motions
-from truejoint.studies.forceps.motions import plain_specimen, record
+from truejoint.studies.forceps.motions import record
 from truejoint.studies.forceps.population import share
 from truejoint.studies.rows import select
 
-FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
+FEW = "lsm,lsm_compensated,ukf_compensated,play_gated"
 
 
 @pytest.fixture
 def briefer(monkeypatch):
     """Motions of half a minute: of (27) a period and a half."""
-    for name, path in (
-        ("calibration", calibration_trajectory),
-        ("verification", verification_trajectory),
-    ):
+    for name in ("calibration", "verification"):
+        path = motions._TRAJECTORIES[name]
         monkeypatch.setitem(motions._TRAJECTORIES, name, partial(path, 31.4))
     for kept in (motions.record, methods.calibrated):
         kept.cache_clear()
@@ -38,7 +32,7 @@ def briefer(monkeypatch):
 
 @pytest.fixture(scope="module")
 def unloaded():
-    return run_study("forceps-unloaded", {"methods": FEW, "draws": 3})
+    return run_study("forceps-unloaded", {"methods": FEW, "draws": 2})
 
 
 def test_table_2_has_the_order_of_the_paper(unloaded, drawn):
@@ -77,10 +71,8 @@ def test_claims_of_the_paper_are_judged(unloaded):
 
 
 def test_table_3_separates_the_methods(drawn):
-    result = run_study(
-        "forceps-loaded",
-        {"masses_g": "250", "methods": "ukf_compensated,play_gated", "draws": 2},
-    )
+    options = {"masses_g": "250", "methods": "ukf_compensated,play_gated", "draws": 2}
+    result = run_study("forceps-loaded", options)
     assert list(result.parts) == [
         f"250g-{way}{draw}" for draw in ("", "-1") for way in ("opposing", "along")
     ]
@@ -122,16 +114,13 @@ def test_a_sensor_on_the_reset_cable_sees_a_weight(drawn):
 
 @pytest.mark.usefixtures("briefer")
 def test_a_larger_population_begins_with_the_smaller(drawn, tmp_path):
-    methods = "lsm,lsm_compensated,ukf_compensated,play_gated"
-    one = run_study("forceps-population", {"count": 1, "methods": methods}, folder=tmp_path)
-    two = run_study("forceps-population", {"count": 2, "methods": methods}, folder=tmp_path)
+    one, two = (
+        run_study("forceps-population", {"count": n, "methods": FEW}, folder=tmp_path)
+        for n in (1, 2)
+    )
     assert two.computed == 1
     assert one.parts["specimen-00000"].rows == two.parts["specimen-00000"].rows
     assert drawn(two)
-    with pytest.raises(TruejointError, match="a population of 0"):
-        run_study("forceps-population", {"count": 0})
-    with pytest.raises(TruejointError, match="homing deviation"):
-        run_study("forceps-population", {"homing_um": -1})
 
 
 def test_other_frictions_and_weights_are_judged_together(drawn):
@@ -147,10 +136,6 @@ def test_other_frictions_and_weights_are_judged_together(drawn):
     (table,) = result.summary.tables
     assert table.notes[2].startswith("gated plays (our default): a stated 90 % holds in")
     assert drawn(result)
-    with pytest.raises(TruejointError, match="no prior called 'dahl'"):
-        run_study("forceps-mixed", {"prior": "dahl"})
-    with pytest.raises(TruejointError, match="a load of 9 kg"):
-        run_study("forceps-mixed", {"masses_g": "9000"})
 
 
 def test_shares_count_specimens():
@@ -179,8 +164,7 @@ def test_loads_are_weighed(monkeypatch):
 def test_the_jaw_follows_in_a_closed_loop(drawn):
     options = {
         "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 3, "count": 1,
-        "rate_hz": 125, "gain": 1,
-        "prior": "capstan",
+        "rate_hz": 125, "gain": 1, "prior": "capstan",
     }  # fmt: skip
     result = run_study("forceps-closed-loop", options)
     for number in range(4):  # no load, steady both ways, swinging
@@ -189,8 +173,6 @@ def test_the_jaw_follows_in_a_closed_loop(drawn):
         assert closed.rms < 0.2 * open_loop.rms
         assert closed.corrected > 0.99
     assert drawn(result)
-    with pytest.raises(TruejointError, match="50 Hz is too slow"):
-        run_study("forceps-closed-loop", {**options, "rate_hz": 50})
 
 
 def test_a_loop_that_refuses_is_not_within(monkeypatch):
@@ -201,7 +183,7 @@ def test_a_loop_that_refuses_is_not_within(monkeypatch):
 
     monkeypatch.setattr(closed_loop, "follow_jaw", refuses)
     loads = {"steady": (0.1, 0.0, False)}
-    (row,) = closed_loop.track(plain_specimen("A"), (), ["open"], loads, number=0, seconds=0.1)
+    (row,) = closed_loop.track(specimen("A").to_dict(), (), ["open"], loads, number=0, seconds=0.1)
     none = {key: row[key] for key in ("rms", "exact_rms", "corrected")}
     assert none == {"rms": None, "exact_rms": None, "corrected": None}
     good = {"rms": np.radians(0.05)}
@@ -236,9 +218,6 @@ def test_a_sweep_says_which_sensors_a_designer_needs():
     assert median.rows == worst.rows  # of one specimen
     assert len(median.rows) == 1 + 2 * 2 * 2
     assert "Designs that keep 0.1 deg on every specimen" in median.notes[1]
-    for wrong, why in (("layouts", "no layout called 'x9'"), ("resolutions_um", "above 0")):
-        with pytest.raises(StudyError, match=why):
-            run_study("forceps-sweep", {**options, wrong: "x9" if wrong == "layouts" else "-1"})
 
 
 @pytest.mark.usefixtures("briefer")
@@ -259,9 +238,8 @@ def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
 def test_a_method_without_its_sensor_is_left_out(tmp_path):
     file = tmp_path / "bare.toml"
     file.write_text("[drive_encoder]\ninstalled = false\n", encoding="utf-8")
-    result = run_study(
-        "forceps-unloaded", {"specimen": file, "methods": "lsm,play_reset", "draws": 1}
-    )
+    options = {"specimen": file, "methods": "lsm,play_reset", "draws": 1}
+    result = run_study("forceps-unloaded", options)
     (table,) = result.summary.tables
     assert [row[0] for row in table.rows] == ["plays on x2"]
     assert table.notes[-1] == "Left out, since a sensor is not installed: least squares (29)."
@@ -269,15 +247,6 @@ def test_a_method_without_its_sensor_is_left_out(tmp_path):
         run_study("forceps-unloaded", {"specimen": file, "methods": "lsm"})
 
 
-def test_a_specimen_is_the_same_after_a_trip_through_plain_values():
-    assert ForcepsParameters.from_dict(plain_specimen("B")) == specimen("B")
-
-
 def test_a_motion_that_is_none_is_refused():
     with pytest.raises(TruejointError, match="choose one of calibration"):
         record(specimen(), "sine")
-
-
-def test_unknown_methods_are_refused():
-    with pytest.raises(StudyError, match="no method called 'svm'"):
-        run_study("forceps-unloaded", {"methods": ("lsm", "svm")})

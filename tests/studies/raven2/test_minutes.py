@@ -1,7 +1,5 @@
 """The studies of what a minute of motion is worth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pandas import DataFrame

@@ -17,7 +17,6 @@ from truejoint.errors import TruejointError, unknown
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.parameter_file import Spread, random_streams, shipped_spreads
 
-SPECIMENS: Final = ForcepsParameters.SPECIMENS
 PRIORS: Final = ("lugre", "capstan", "between", "mixed")
 
 

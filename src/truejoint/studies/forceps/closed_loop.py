@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import product
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +25,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, title_of
+from truejoint.studies.forceps.motions import Plain
 from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
@@ -167,7 +168,7 @@ def summarise(results: Results) -> Summary:
     settings, rows = results.settings, results.rows
     rows = rows.assign(name=rows.method.map({OPEN: "open loop", **m.TITLES}))
     group, every = (rows[rows[key].notna()] for key in ("case", "specimen"))
-    specimen = f"specimen {title_of(settings['specimen'])}"
+    specimen = f"specimen {Path(settings['specimen']).stem}"
     degrees: DataFrame = np.rad2deg(1.0) * group[["rms", "exact_rms"]].astype(float)
     degrees = degrees.map("{:.3f}".format)
     pairs = group.assign(text=degrees.rms + " (" + degrees.exact_rms + ")")

@@ -16,7 +16,7 @@ from truejoint.errors import StudyError
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.studies.forceps.motions import changed, plain_specimen, record
+from truejoint.studies.forceps.motions import changed, record
 from truejoint.studies.study import Rows, Settings
 
 SETTLED: Final = 2.2
@@ -74,7 +74,7 @@ PAPERS: Final = ("lsm", "lsm_compensated", PAPERS_BEST)
 def common_arguments(settings: Settings) -> dict[str, Any]:
     """Specimen, methods and seed, which most parts take."""
     settings.check_names("method", "methods", METHODS)
-    forceps = plain_specimen(settings["specimen"])
+    forceps = ForcepsParameters.read(settings["specimen"]).to_dict()
     return {"forceps": forceps, "methods": settings["methods"], "seed": settings.seed}
 
 

@@ -23,7 +23,6 @@ from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
-from truejoint.simulation.forceps.specimens import specimen as shipped
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
 from truejoint.studies.study import Settings
 
@@ -39,16 +38,6 @@ _TRAJECTORIES: Final[Mapping[str, Callable[[], Trajectory]]] = {
 }
 
 
-def plain_specimen(name: str) -> Plain:
-    """Plain values of a shipped specimen, or of a designer's TOML file."""
-    return (ForcepsParameters.read(name) if name.endswith(".toml") else shipped(name)).to_dict()
-
-
-def title_of(name: str) -> str:
-    """Name of a specimen, or of its file."""
-    return Path(name).stem if name.endswith(".toml") else name
-
-
 def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
     """Specimens that a study is made on, each with a name and a seed of its own.
 
@@ -56,7 +45,8 @@ def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
     """
     if not settings["count"]:
         name = settings["specimen"]
-        return [(f"specimen-{title_of(name)}", plain_specimen(name), settings.seed)]
+        plain = ForcepsParameters.read(name).to_dict()
+        return [(f"specimen-{Path(name).stem}", plain, settings.seed)]
     plants = population(settings["count"], settings.seed, settings["prior"])
     return [(f"specimen-{n:05d}", plant.to_dict(), n) for n, plant in enumerate(plants)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from truejoint.errors import StudyError
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.claim_tests import RULE, about, against, below, below_all
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, load_test, record, title_of
+from truejoint.studies.forceps.motions import Plain, load_test, record
 from truejoint.studies.rows import frame_table, groups, reported, reported_text, select, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
@@ -48,7 +49,7 @@ def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
 
 def unloaded_summary(results: Results) -> Summary:
     """Table 2, figures 6 and 7, beside the paper's."""
-    settings, name = results.settings, title_of(results.settings["specimen"])
+    settings, name = results.settings, Path(results.settings["specimen"]).stem
     rows = select(results.rows, draw=0).set_index("method", drop=False)
     verified = select(rows, motion="verification")
 
@@ -203,7 +204,7 @@ def hang(
 def loaded_summary(results: Results) -> Summary:
     """Table 3 beside the paper's, and figure 9."""
     settings, rows = results.settings, results.rows
-    specimen, methods = title_of(settings["specimen"]), unique(rows, "method")
+    specimen, methods = Path(settings["specimen"]).stem, unique(rows, "method")
     rows = rows.assign(
         load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction,
         name=rows.method.map(m.TITLES),

@@ -7,11 +7,11 @@ from functools import wraps
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame, Series
+from pandas import DataFrame
 
 from truejoint.drawing import Figure, Panel, box_plot
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
-from truejoint.studies.rows import frame_table, groups, reported, select, unique
+from truejoint.studies.rows import frame_table, groups, mean_text, reported, select, unique
 from truejoint.studies.study import Results, Summary
 from truejoint.tables import DASH, Table, fixed
 
@@ -81,16 +81,11 @@ def accuracy_table(
     count, cell = rows.session.nunique(), [*_CELL, "method"]
     by = rows.groupby([*cell, "session"], sort=False).rmse.mean()
     errors = by if count > 1 else rows.set_index(cell).rmse
-    texts = errors.groupby(level=cell, sort=False).agg(_with_spread).unstack()
+    texts = errors.groupby(level=cell, sort=False).agg(mean_text, 3).unstack()
     over = f"{count} sessions" if count > 1 else "the models of one session"
     spread = count > 1 or errors.index.has_duplicates
     what = f"RMSE; ± standard deviation over {over}." if spread else "RMSE, of one session."
     return _by_joint(title, texts, methods, paper and _printed(paper, texts), (what, *notes))
-
-
-def _with_spread(errors: Series) -> str:
-    spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
-    return fixed(float(errors.mean()), 3) + spread
 
 
 def percent_table(title: str, rows: DataFrame, paper: Paper) -> Table:

@@ -14,7 +14,7 @@ from itertools import product
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame, Series
+from pandas import DataFrame
 
 from truejoint.calibration import calibrate
 from truejoint.drawing import Curve, Figure, Panel
@@ -25,9 +25,9 @@ from truejoint.evaluation.evaluate import split_sides
 from truejoint.evaluation.scoring import rmse
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
-from truejoint.studies.rows import frame_table, reported, select, unique
+from truejoint.studies.rows import frame_table, mean_text, reported, select, unique
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
-from truejoint.tables import DASH, decimals_for, fixed
+from truejoint.tables import DASH, decimals_for
 from truejoint.units import display_unit
 
 HWANG: Final = "hwang"
@@ -129,7 +129,8 @@ def summarise(results: Results) -> Summary:
         *(f"{what}: {reason}" for what, reason in why.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
-    texts = rows.groupby(["name", "method"], sort=False).rmse.agg(_cell).unstack()
+    errors = rows.groupby(["name", "method"], sort=False).rmse
+    texts = errors.agg(lambda own: mean_text(own, decimals_for([own.mean()], most=4))).unstack()
     texts = texts.reindex(unique(rows, "name"), columns=(*_BASELINES, *settings["estimators"]))
     table = frame_table(_TITLE, texts.astype(object).fillna(DASH), notes, head="held out")
     means = rows.pivot_table("rmse", "name", "method", sort=False)
@@ -141,12 +142,6 @@ def summarise(results: Results) -> Summary:
     panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(means.index))
     figure = Figure(_TITLE, ((panel,),), "", 11.0, 2.0 + 0.3 * len(means), legend=True)
     return Summary((table,), {"real": figure}, _claims(rows))
-
-
-def _cell(errors: Series) -> str:
-    decimals = decimals_for([float(errors.mean())], most=4)
-    spread = f" ± {fixed(float(errors.std(ddof=1)), decimals)}" if len(errors) > 1 else ""
-    return fixed(float(errors.mean()), decimals) + spread
 
 
 def _claims(rows: DataFrame) -> list[Claim]:
