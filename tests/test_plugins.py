@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -82,26 +83,43 @@ def test_the_example_serves_the_command_line(example: Path) -> None:
         "-e", "example_ridge", "-o", str(model),
     ]  # fmt: skip
     judge = ["evaluate", str(model), str(example / "run.csv"), "--robot", "example_lever"]
-    result = run(example, "-c", COMMANDS.format(words=[fit, judge]))
-    fitted, judged = result.stdout.split("ended with 0\n", maxsplit=1)
-    assert "joints       lever" in fitted, result.stderr
-    assert judged.splitlines()[-1] in {"ended with 0", "ended with 1"}, result.stderr
+    install(example, "other-one", {"truejoint.estimators": {"dnn": "math:pi"}})
+    clash = ["calibrate", str(example), "-e", "dnn", "-o", "m.st"]
+    result = run(example, "-c", COMMANDS.format(words=[["datasets"], clash, fit, judge]))
+    codes = re.findall(r"^ended with (\d)$", result.stdout, flags=re.MULTILINE)
+    assert codes[:3] == ["0", "2", "0"], result.stderr
+    assert codes[3] in {"0", "1"}, result.stderr
+    assert "joints       lever" in result.stdout
+    # A clash is told where the name is looked up, and nowhere else.
+    told = "truejoint.estimators 'dnn' of other-one: the name is taken"
+    listed, *others, _ = result.stderr.split("next\n")
+    assert listed == ""
+    assert [told in said for said in others] == [True, False, False]
 
 
-def test_a_plug_in_that_cannot_be_loaded_is_named_and_the_rest_works(example: Path) -> None:
+def test_what_cannot_be_loaded_or_is_there_twice_is_named_and_the_rest_works(
+    example: Path,
+) -> None:
     (example / "broken_one.py").write_text("import nothing_of_that_name\n")
-    install(
-        example,
-        "broken-one",
-        {"truejoint.robots": {"broken": "broken_one:ROBOT", "number": "math:pi"}},
-    )
-    result = run(example, "-c", READ, "broken", "number", "example_lever", "raven2")
-    names, broken, number, *works = result.stdout.splitlines()
+    robots = {"broken": "broken_one:ROBOT", "number": "math:pi"}
+    install(example, "broken-one", {"truejoint.robots": robots})
+    install(example, "other-one", {"truejoint.robots": {"twice": "math:pi", "bros": "math:pi"}})
+    install(example, "third-one", {"truejoint.robots": {"twice": "math:pi"}})
+    asked = ("broken", "number", "twice", "twice", "bros", "example_lever", "raven2")
+    result = run(example, "-c", READ, *asked)
+    names, broken, number, twice, again, *works = result.stdout.splitlines()
     assert {"broken", "example_lever", "example_counts"} <= {*names.split()}
     assert "truejoint.robots 'broken' of package broken-one does not work (Module" in broken
     assert "truejoint.robots 'number' of package broken-one is a float" in number
-    assert works == ["example_lever", "raven2 (left arm)"]
-    assert result.stderr == ""
+    assert "no robot called 'twice'" in twice
+    assert "no robot called 'twice'" in again
+    assert works[0] == "bros"
+    assert works[-1] == "raven2 (left arm)"
+    first, second = sorted(result.stderr.splitlines())
+    assert "'bros' of other-one" in first
+    assert "that of truejoint is used" in first
+    assert "'twice' of" in second
+    assert "none of them is used" in second
 
 
 RAISES = """
@@ -160,25 +178,3 @@ for call in {list(SAID)}:
     assert result.stderr == ""
     for line, said in zip(result.stdout.splitlines(), SAID.values(), strict=True):
         assert said in line
-
-
-def test_two_with_one_name_are_named_once_and_the_rest_works(example: Path) -> None:
-    other = {"example_lever": "math:pi", "bros": "math:pi"}
-    install(example, "other-one", {"truejoint.robots": other})
-    result = run(example, "-c", READ, "example_lever", "example_lever", "bros")
-    first, second = sorted(result.stderr.splitlines())
-    assert "'bros' of other-one" in first
-    assert "that of truejoint is used" in first
-    assert "'example_lever' of" in second
-    assert "none of them is used" in second
-    assert "no robot called 'example_lever'" in result.stdout.splitlines()[1]
-    assert result.stdout.splitlines()[3] == "bros"
-
-
-def test_a_clash_is_told_where_the_name_is_looked_up_and_nowhere_else(tmp_path: Path) -> None:
-    install(tmp_path, "other-one", {"truejoint.estimators": {"dnn": "math:pi"}})
-    fit = ["calibrate", str(tmp_path), "-e", "dnn", "-o", "m.st"]
-    result = run(tmp_path, "-c", COMMANDS.format(words=[["datasets"], fit]))
-    listed, fitted = result.stderr.split("next\n", maxsplit=1)
-    assert listed == ""
-    assert "truejoint.estimators 'dnn' of other-one: the name is taken" in fitted

@@ -164,6 +164,11 @@ def head_of(path: Path, most: int) -> bytes:
         raise TruejointError(f"{path}: cannot be read ({words(fault)}); check the path") from None
 
 
+def is_folder(path: Path) -> bool:
+    """Whether there is such a folder; a name that no file can have is that of none."""
+    return os.path.isdir(path)  # noqa: PTH112  # pathlib's raises for such a name
+
+
 def require_ordinary(path: Path, error: Kind) -> None:
     """Refuse what is no file, a pipe above all, at which reading would wait for ever."""
     try:

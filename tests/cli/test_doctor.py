@@ -6,7 +6,7 @@ from tests.recordings.said import PROFILE, STATE, SaidRos, told_session
 
 from truejoint.crtk import ros
 
-LIVE = ("doctor", "live", "--robot", "raven2", "--profile", PROFILE.name)
+LIVE = f"doctor live --robot raven2 --profile {PROFILE.name}"
 
 
 class Interrupted(SaidRos):
@@ -24,8 +24,7 @@ class Interrupted(SaidRos):
 
 def test_it_says_what_it_heard_until_ctrl_c(call, monkeypatch):
     monkeypatch.setattr(ros, "open_transport", lambda *_: Interrupted())
-    found = call(*LIVE)
-    assert found.code == 0, found.out + found.err
+    found = call.good(LIVE)
     assert "stopped after" in found.err
     lines = found.out.splitlines()
     assert lines[0].startswith(f"good link: {STATE} 29.")

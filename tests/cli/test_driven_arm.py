@@ -67,11 +67,12 @@ def model(session, tmp_path_factory):
     return path
 
 
-OVER = ("--ros", "2", "--profile", "raven2_mended")
+OVER = "--ros 2 --profile raven2_mended"
+BRIEF = f"{OVER} --duration-s 1 --truth"
 
 
 @pytest.mark.parametrize("typed", ["raven2", "raven2:left"])
-def test_it_moves_once_its_name_is_typed(call, session, tmp_path, monkeypatch, typed):
+def test_it_moves_once_its_name_is_typed(call, session, monkeypatch, typed):
     joined = []
 
     def join(*how):
@@ -81,28 +82,25 @@ def test_it_moves_once_its_name_is_typed(call, session, tmp_path, monkeypatch, t
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
     monkeypatch.setattr(typer, "prompt", lambda *_, **__: typed)
     monkeypatch.setattr(driven_arm, "joined", join)
-    told = call("collect", session / "random.csv", "-o", tmp_path / "new", "--ros", "2")
+    told = call(f"collect {session}/random.csv -o new --ros 2")
     if typed == "raven2":
         assert told.code == 2
         assert "nothing was moved" in told.err
     assert bool(joined) == (typed == "raven2:left")
 
 
-def test_check_looks_on_and_rezero_mends(call, arm, model, tmp_path):
+def test_check_looks_on_and_rezero_mends(call, arm, model):
     commands = []
     for name, kind in (("state_command", "crtk_msgs/StringStamped"), ("servo_jp", None)):
         arm.ros.subscribe(f"/arm1/{name}", kind or "sensor_msgs/JointState", commands.append)
-    brief = (*OVER, "--truth", TRUTH, "--duration-s", "1")
-    said = call("check", model, *brief, "--json")
-    assert said.code == 0, said.err
+    said = call.good(f"check {model} {BRIEF} {TRUTH} --json")
     assert "Recording raven2 (left arm) for 1 s ..." in said.err
     offsets = [joint["offset"] for joint in json.loads(said.out)["joints"]]
     assert offsets == pytest.approx(OFFSET, abs=2e-3)
-    mended = tmp_path / "mended.safetensors"
-    done = call("rezero", model, *brief, "-o", mended)
-    assert done.code == 0, done.err
+    done = call.good(f"rezero {model} {BRIEF} {TRUTH} -o mended.safetensors")
     assert f"re-zeroed by the truth of {TRUTH}" in done.out
-    assert truejoint.read_calibration(mended).offset == pytest.approx(OFFSET, abs=2e-3)
+    mended = truejoint.read_calibration("mended.safetensors")
+    assert mended.offset == pytest.approx(OFFSET, abs=2e-3)
     assert not commands
     assert arm.operating_state().state == "ENABLED"
 
@@ -137,8 +135,7 @@ def test_the_monitor_shows_it_and_leaves_it(call, arm, model, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(monitor, "_wait", look)
-    said = call("monitor", *OVER, "--truth", TRUTH, "--model", model, "--port", "0")
-    assert said.code == 0, said.err
+    said = call.good(f"monitor {OVER} --truth {TRUTH} --model {model} --port 0")
     assert "Open http" in said.out
     assert "Homing" not in said.err
     off = corrected[-1].truth[0, :3] - corrected[-1].reported[0, :3]
@@ -165,9 +162,8 @@ def test_a_person_touches_with_it_while_it_is_looked_at(call, arm, model, tmp_pa
 
 
 def test_it_goes_where_it_is_told(call, arm):
-    said = call("teleop", *OVER, "--go-to", "shoulder=40", "--go-to", "insertion=385mm",
-                "--yes-move-it")  # fmt: skip
-    assert said.code == 0, said.err
+    goals = "--go-to shoulder=40 --go-to insertion=385mm"
+    said = call.good(f"teleop {OVER} {goals} --yes-move-it")
     reached = said.out.partition("shoulder ")[2].split()[0]
     assert float(reached) == pytest.approx(40.0, abs=0.15)
     now = arm.setpoint_js(LONG).position
@@ -178,34 +174,29 @@ def test_it_goes_where_it_is_told(call, arm):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        (["--namespace", "/arn1"], "arms report under /arm1: did you mean '/arm1'?"),
-        (["--robot", "dvrk_psm", "--namespace", "/arm1"], "measured_js: "),
-        (["--profile", "raven_mended"], "did you mean 'raven2_mended'?"),
+        ("--namespace /arn1", "arms report under /arm1: did you mean '/arm1'?"),
+        ("--robot dvrk_psm --namespace /arm1", "measured_js: "),
+        ("--profile raven_mended", "did you mean 'raven2_mended'?"),
     ],
 )
-def test_another_arm_than_is_there_is_one_line(call, arm, line, said):
-    told = call("monitor", *OVER[:2], *line, "--port", "0")
-    assert told.code == 2
-    assert said in told.err
-    assert told.err.count("\n") == 1
+def test_another_arm_than_is_there_is_one_line(call, arm, monkeypatch, line, said):
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 0.3)
+    assert call.refuses(said, f"monitor --ros 2 {line} --port 0").count("\n") == 1
 
 
 def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monkeypatch):
-    brief = (*OVER, "--truth", "/none", "--duration-s", "1")
-    told = call("check", model, *brief)
-    assert told.code == 2
-    assert "/none: no truth came within 1 s" in told.err
+    call.refuses("/none: no truth came within 1 s", f"check {model} {BRIEF} /none")
     with suppress(truejoint.errors.MotionStopped):
         motion = arm.move_jp(arm.robot.home + 0.5 * np.eye(7)[0], speed=np.full(7, 0.05))
-        told = call("teleop", *OVER, "--go-to", "elbow=80", "--yes-move-it")
+        told = call(f"teleop {OVER} --go-to elbow=80 --yes-move-it")
         motion.cancel()
     assert told.code == 2
     assert "is moving: another program controls it" in told.err
     assert arm.operating_state().state == "ENABLED"  # nobody has paused it
     arm.unhome()
     arm.ros.wait_for("/arm1/operating_state", lambda m: not m.is_homed)
-    assert "is not homed: home it first" in call("check", model, *brief).err
+    call.refuses("is not homed: home it first", f"check {model} {BRIEF} /none")
     monkeypatch.setattr("truejoint.crtk.ros.open_transport", lambda *_: LocalRos())
-    told = call("check", model, *brief)
-    assert told.code == 2
-    assert "no arm reports: start the node of the robot" in told.err
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 0.3)
+    said = "no arm reports: start the node of the robot"
+    call.refuses(said, f"check {model} {BRIEF} /none")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from tests.cli.conftest import Call
 
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
 from truejoint.estimators import identify_stiffness
@@ -41,8 +39,8 @@ def laboratory(tmp_path_factory) -> Path:
     return folder
 
 
-def test_weights_and_homings_of_a_laboratory(call: Call, laboratory: Path) -> None:
-    model, loads, table = (laboratory / name for name in ("jaw.st", "loads.st", "table.csv"))
+def test_weights_and_homings_of_a_laboratory(call, laboratory):
+    model = laboratory / "jaw.st"
     hung = [laboratory / f"hung_{way}.parquet" for way in ("along", "opposing")]
     read, torque = read_calibration(model), 0.2 * 9.81 * PLANT.jaw.load_arm
     rows = [read.rows(read_recording(path)) for path in hung]
@@ -58,22 +56,19 @@ def test_weights_and_homings_of_a_laboratory(call: Call, laboratory: Path) -> No
         "stiffness_growth": found.growth,
         "stiffness_error": max(found.deviation / found.drive_stiffness, 0.05),
     }
-    how = [word for name, value in settings.items() for word in ("--set", f"{name}={value}")]
-    unloaded = [laboratory / "unloaded.csv", "--robot", "forceps", "-e", "ukf_friction"]
-    assert call("calibrate", *unloaded, *how, "-o", loads).code == 0
+    how = " ".join(f"--set {name}={value}" for name, value in settings.items())
+    unloaded = f"{laboratory}/unloaded.csv --robot forceps -e ukf_friction"
+    call.good(f"calibrate {unloaded} {how} -o loads.st")
 
-    call("correct", loads, hung[0], "-o", table)
-    last = pd.read_csv(table).iloc[-1]
-    true = 0.2 * 9.81 * PLANT.jaw.load_arm
-    assert last["load/jaw"] == pytest.approx(true, abs=last["load_half_width/jaw"])
-    assert last["load_half_width/jaw"] < 0.5 * true
+    call(f"correct loads.st {hung[0]} -o table.csv")
+    last = pd.read_csv("table.csv").iloc[-1]
+    assert last["load/jaw"] == pytest.approx(torque, abs=last["load_half_width/jaw"])
+    assert last["load_half_width/jaw"] < 0.5 * torque
     assert last["status"] == "OK"
 
     for name, shift in (("off", SHIFT), ("same", 0.0)):
-        cycle, today = laboratory / f"{name}.parquet", laboratory / f"today_{name}.st"
-        said = call("rezero", loads, cycle, "--motor", loads, "-o", today, "--json")
-        assert said.code == 0
-        zero = json.loads(said.out)
+        cycle, today = laboratory / f"{name}.parquet", f"today_{name}.st"
+        zero = call.json(f"rezero loads.st {cycle} --motor loads.st -o {today}")
         assert zero["shift"] == pytest.approx(shift, abs=3.0 * zero["deviation"])
         assert (zero["correction"] != 0.0) == (shift != 0.0)
         own = Corrector(today)
@@ -86,11 +81,7 @@ def test_weights_and_homings_of_a_laboratory(call: Call, laboratory: Path) -> No
         assert np.abs(own.run(run).position[-1, 0] - run.column("truth/jaw")[-1]) < 3e-3
 
 
-def test_what_tells_nothing_is_one_line(call: Call, laboratory: Path) -> None:
-    out, model = laboratory / "never.st", laboratory / "jaw.st"
-    recording = laboratory / "hung_along.parquet"
-    result = call("rezero", model, recording, "--motor", model, "-o", out)
-    assert result.code == 2
-    assert "turns round 0 times" in result.err
-    assert "Traceback" not in result.err
-    assert not out.exists()
+def test_what_tells_nothing_is_one_line(call, laboratory):
+    line = "rezero {0}/jaw.st {0}/hung_along.parquet --motor {0}/jaw.st -o never.st"
+    call.refuses("turns round 0 times", line.format(laboratory))
+    assert not Path("never.st").exists()

@@ -1,8 +1,7 @@
-"""`truejoint plate`, `bolt` and `rezero`: the whole way of a block, and what is refused."""
+"""`truejoint touch` and `rezero`: the whole way of a block, and what is refused."""
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,11 +22,17 @@ from truejoint.tip.block import block_text
 from truejoint.tip.plan import design_pose, of_model
 
 
-def kept(made: Touched, path: Path) -> None:
+def write_touches(made: Touched, path: Path) -> None:
     """Write touches, and the recording beside them."""
     rows = zip(made.touches.t, made.touches.dimple, strict=True)
     path.write_text("t,dimple\n" + "".join(f"{t!r},{n}\n" for t, n in rows))
     write_parquet(made.recording, path.with_suffix(".parquet"))
+
+
+def refuse_all(call, begin: str, *ends: tuple[str, str]) -> None:
+    """Call lines that begin alike and are wrong, each of which is one line's answer."""
+    for end, said in ends:
+        assert call.refuses(said, f"{begin} {end}").count("\n") == 1
 
 
 @pytest.fixture(scope="module")
@@ -36,100 +41,74 @@ def folder(tmp_path_factory) -> Path:
     first = touched(24)
     truejoint.write_calibration(fitted(), folder / "model.safetensors")
     (folder / "block.toml").write_text(block_text(first.block))
-    kept(first, folder / "first.csv")
-    kept(touched(6, 4, offset=(0.0, 0.006, 0.0), block=first.block, homing_id="2"),
-         folder / "today.csv")  # fmt: skip
+    write_touches(first, folder / "first.csv")
+    today = touched(6, 4, offset=(0.0, 0.006, 0.0), block=first.block, homing_id="2")
+    write_touches(today, folder / "today.csv")
     return folder
 
 
-def test_a_block_is_bolted_and_a_model_re_zeroed_by_it(call, folder, tmp_path):
-    pose, model = tmp_path / "pose.toml", tmp_path / "today.safetensors"
-    bolted = call("touch", "bolt", folder / "model.safetensors", "--touches", folder / "first.csv",
-                  "--block", folder / "block.toml", "-o", pose)  # fmt: skip
-    assert bolted.code == 0, bolted.err
+def test_a_block_is_bolted_and_a_model_re_zeroed_by_it(call, folder):
+    how = f"--touches {folder}/first.csv --block {folder}/block.toml -o pose.toml"
+    bolted = call.good(f"touch bolt {folder}/model.safetensors {how}")
     assert "test block in the base of raven2 left, within" in bolted.out
-    arguments = [folder / "model.safetensors", "--touches", folder / "today.csv", "--bolted", pose]
-    done = call("rezero", *arguments, "-o", model)
-    assert done.code == 0, done.err
+    rezero = f"rezero {folder}/model.safetensors --touches {folder}/today.csv --bolted pose.toml"
+    done = call.good(f"{rezero} -o m.safetensors")
     assert "re-zeroed by 6 touches" in done.out
     assert re.search(r"hold a move of the block by [\d.]+ mm since its pose was found", done.out)
-    again = truejoint.read_calibration(model)
+    again = truejoint.read_calibration("m.safetensors")
     assert again.offset[1] == pytest.approx(0.006, abs=0.003)
     assert again.zero.homing_id == "2"
-    told = call("rezero", *arguments, "-o", model, "--force", "--json")
-    facts = json.loads(told.out)
+    facts = call.json(f"{rezero} -o m.safetensors --force")
     assert facts["offset"] == again.zero.shift.tolist()
     assert facts["left_out"] == []
 
 
-def test_what_does_not_go_together_is_one_line(call, folder, tmp_path):
-    common = [folder / "model.safetensors", "--touches", folder / "today.csv"]
-    block = ["--block", folder / "block.toml"]
-    for command, said in (
-        (["rezero", *common, "--bolted", folder / "block.toml"], "no key called 'name'"),
-        (["rezero", *common, "--bolted", folder / "none.toml"], "none.toml"),
-        (["touch", "bolt", *common, "--block", folder / "first.csv"], "is not TOML"),
-        (["touch", "bolt", *common[:2], folder / "model.safetensors", *block], "t,dimple"),
-        (["touch", "bolt", *common, *block, folder / "no.parquet"], "no such file"),
-    ):  # fmt: skip
-        result = call(*command, "-o", tmp_path / "out.safetensors")
-        assert result.code == 2
-        assert said in result.err
-        assert result.err.count("\n") == 1
-        assert "fault of truejoint" not in result.err
+def test_what_does_not_go_together_is_one_line(call, folder):
+    touches = f"{folder}/model.safetensors --touches {folder}/today.csv -o out.st"
+    refuse_all(
+        call, f"rezero {touches} --bolted",
+        (f"{folder}/block.toml", "no key called 'name'"), ("none.toml", "none.toml"),
+    )  # fmt: skip
+    refuse_all(
+        call, f"touch bolt {touches} --block",
+        (f"{folder}/first.csv", "is not TOML"), (f"{folder}/block.toml no.parquet", "no such file"),
+        (f"{folder}/block.toml --touches {folder}/model.safetensors", "t,dimple"),
+    )  # fmt: skip
 
 
-def test_a_block_is_designed(call, tmp_path):
-    result = call("touch", "block", "raven2", "-o", tmp_path / "block")
-    assert result.code == 0, result.err
-    told = " ".join(result.out.split())
+def test_a_block_is_designed(call):
+    told = " ".join(call.good("touch block raven2 -o block").out.split())
     assert "dimples in reach" in told
     stands = re.findall(r"dimple (\d+) is about \((.+?)\) mm", told)
-    made = read_block(tmp_path / "block" / "block.toml")
+    made = read_block(Path("block/block.toml"))
     assert [number for number, _ in stands] == ["1", str(len(made.points))]
     for number, place in stands:
         expected = 1e3 * (made.rotation @ made.points[number] + made.translation)
         assert [float(x) for x in place.split(",")] == pytest.approx(expected, abs=0.6)
-    assert {p.name for p in (tmp_path / "block").iterdir()} == {"block.stl", "block.toml"}
-    assert "exists already" in call("touch", "block", "raven2", "-o", tmp_path / "block").err
-    assert call("touch", "block", "davinci_grasper", "-o", tmp_path / "other").code == 2
+    assert {p.name for p in Path("block").iterdir()} == {"block.stl", "block.toml"}
+    call.refuses("exists already", "touch block raven2 -o block")
+    assert call("touch block davinci_grasper -o other").code == 2
 
 
-def test_a_plan_names_each_dimple_once(call, folder):
-    result = call("touch", "run", folder / "model.safetensors", "--block", folder / "block.toml",
-                  "--count", "8")  # fmt: skip
-    assert result.code == 0, result.err
-    numbers = [line.split("│")[2].strip() for line in result.out.splitlines() if "rising" in line
-               or "falling" in line]  # fmt: skip
-    assert len(set(numbers)) == 8
+def planned(said: str) -> set[str]:
+    """Numbers of the dimples in a plan that was printed."""
+    lines = [line for line in said.splitlines() if "rising" in line or "falling" in line]
+    return {line.split("│")[2].strip() for line in lines}
 
 
-def test_a_simulated_arm_touches_what_re_zeroes_its_model(call, session, tmp_path):
-    block = tmp_path / "block"
-    assert call("touch", "block", "raven2", "-o", block).code == 0
-    model = session / "m.st"
-    common = [model, "--block", block / "block.toml"]
-    made = call("touch", "run", *common, "--count", "6", "-o", tmp_path / "first.csv")
-    assert made.code == 0, made.err
-    bolted = call(
-        "touch", "bolt", *common, "--touches", tmp_path / "first.csv", "-o", tmp_path / "p.toml"
-    )
-    assert bolted.code == 0, bolted.err
-    again = call(
-        "touch", "run", model, "--bolted", tmp_path / "p.toml", "--seed", "3", "--count", "4",
-        "-o", tmp_path / "today.csv",
-    )  # fmt: skip
-    assert again.code == 0, again.err
-    assert len((tmp_path / "today.csv").read_text().splitlines()) == 5
-    done = call("rezero", model, "--touches", tmp_path / "today.csv", "--bolted",
-                tmp_path / "p.toml", "-o", tmp_path / "m.safetensors")  # fmt: skip
-    assert done.code == 0, done.err
-    refused = call("touch", "run", model, "-o", tmp_path / "none.csv")
-    assert refused.code == 2
-    assert "--block, to find where it stands, or --bolted" in refused.err
-    refused = call("touch", "run", *common, "-o", tmp_path / "touches.parquet")
-    assert refused.code == 2
-    assert "touches are written as .csv" in refused.err
+def test_a_simulated_arm_touches_what_re_zeroes_its_model(call, session, folder):
+    plan = f"touch run {folder}/model.safetensors --block {folder}/block.toml --count 8"
+    assert len(planned(call.good(plan).out)) == 8
+    call.good("touch block raven2 -o block")
+    block = f"{session}/m.st --block block/block.toml"
+    call.good(f"touch run {block} --count 6 -o first.csv")
+    call.good(f"touch bolt {block} --touches first.csv -o p.toml")
+    call.good(f"touch run {session}/m.st --bolted p.toml --seed 3 --count 4 -o today.csv")
+    assert len(Path("today.csv").read_text().splitlines()) == 5
+    call.good(f"rezero {session}/m.st --touches today.csv --bolted p.toml -o m.safetensors")
+    said = "--block, to find where it stands, or --bolted"
+    call.refuses(said, f"touch run {session}/m.st -o none.csv")
+    call.refuses("touches are written as .csv", f"touch run {block} -o touches.parquet")
 
 
 def test_a_person_is_asked_once_a_touch(monkeypatch):
@@ -170,7 +149,7 @@ def rests(tmp_path_factory) -> Path:
     """Touches of an arm of which nothing is known, as t.csv, and as shots of a tracker."""
     folder = tmp_path_factory.mktemp("rests")
     recording, touches, plate, _ = from_nothing()
-    kept(Touched(without_truth(recording), touches, plate, np.zeros(3)), folder / "t.csv")
+    write_touches(Touched(without_truth(recording), touches, plate, np.zeros(3)), folder / "t.csv")
     (folder / "block.toml").write_text(block_text(plate))
     rows = zip(touches.t, 1e3 * plate.at(touches.dimple), strict=True)
     lines = [f"{t!r},{x!r},{y!r},{z!r}" for t, (x, y, z) in ((t, p.tolist()) for t, p in rows)]
@@ -178,72 +157,51 @@ def rests(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_model_is_made_of_touches_alone(call, rests, tmp_path):
-    arguments = ["touch", "calibrate", rests / "t.parquet", "-o", tmp_path / "m.safetensors"]
-    how = ["--touches", rests / "t.csv", "--block", rests / "block.toml"]
-    made = call(*arguments, *how, "--report", tmp_path / "touches.html")
-    assert made.code == 0, made.err
+def test_a_model_is_made_of_touches_alone(call, rests):
+    line = f"touch calibrate {rests}/t.parquet"
+    touches, block = f"--touches {rests}/t.csv", f"--block {rests}/block.toml"
+    made = call.good(f"{line} -o m.st {touches} {block} --report touches.html")
     assert re.search(r"points left out in turn are [\d.]+ mm off", made.out)
     assert re.search(r"at most [\d.]+ mm off near the touches, of which the noise", made.out)
     assert "zero of shoulder: not seen" in made.out
-    assert "not seen" in call("show", tmp_path / "m.safetensors").out
-    page = (tmp_path / "touches.html").read_text()
+    assert "not seen" in call("show m.st").out
+    page = Path("touches.html").read_text()
     assert "zero of shoulder: not seen" in page
     assert "--report" in page  # the command that makes it
-    again = [*arguments[:4], tmp_path / "again.safetensors", *how]
-    refused = call(*again, "--report", tmp_path / "touches.html")
-    assert refused.code == 2
-    assert "exists already" in refused.err
-    assert not (tmp_path / "again.safetensors").exists()
-    for wrong, said in (
-        (how[:2], "--touches needs --block"),
-        (how[2:], "--block needs --touches"),
-        ([], "give --touches with --block, or --points"),
-        ([*how, "--points", rests / "shots.csv"], "--touches and --points: give one of the two"),
-        ([*how, "--report", tmp_path / "touches.pdf"], "a report is an HTML page"),
-        ([*how, "--prior", tmp_path / "none.st"], "none.st"),
-        (["--touches", rests / "shots.csv", *how[2:]], "want t,dimple"),
-    ):
-        refused = call(*arguments, *wrong, "--force")
-        assert refused.code == 2, wrong
-        assert said in refused.err
-        assert refused.err.count("\n") == 1
+    again = f"{line} -o again.st {touches} {block} --report touches.html"
+    call.refuses("exists already", again)
+    assert not Path("again.st").exists()
+    refuse_all(
+        call, f"{line} -o m.st --force",
+        (touches, "--touches needs --block"), (block, "--block needs --touches"),
+        ("", "give --touches with --block, or --points"),
+        (f"{touches} {block} --points x.csv", "--touches and --points: give one of the two"),
+        (f"{touches} {block} --report touches.pdf", "a report is an HTML page"),
+        (f"{touches} {block} --prior none.st", "none.st"),
+        (f"--touches {rests}/shots.csv {block}", "want t,dimple"),
+    )  # fmt: skip
 
 
-def test_an_older_model_is_a_prior_of_touches(call, rests, tmp_path):
-    older = tmp_path / "older.safetensors"
-    truejoint.write_calibration(fitted(), older)
-    made = call("touch", "calibrate", rests / "t.parquet", "--touches", rests / "t.csv", "--block",
-                rests / "block.toml", "-o", tmp_path / "m.safetensors", "--prior", older,
-                "--json")  # fmt: skip
-    assert made.code == 0, made.err
-    assert json.loads(made.out)["metadata"]["touch"]["prior"] == ["raven2 (left arm)"]
-
-
-def test_shots_of_a_tracker_make_a_model(call, rests, tmp_path):
-    made = call("touch", "calibrate", rests / "t.parquet", "--points", rests / "shots.csv", "-o",
-                tmp_path / "m.safetensors", "--touch-sd-mm", "0.2")  # fmt: skip
-    assert made.code == 0, made.err
-    assert "30 touches" in made.out
+def test_an_older_model_is_a_prior_of_touches_and_shots_make_a_model(call, rests):
+    truejoint.write_calibration(fitted(), "older.safetensors")
+    touches = f"--touches {rests}/t.csv --block {rests}/block.toml --prior older.safetensors"
+    made = call.json(f"touch calibrate {rests}/t.parquet {touches} -o m.safetensors")
+    assert made["metadata"]["touch"]["prior"] == ["raven2 (left arm)"]
+    shots = f"--points {rests}/shots.csv --touch-sd-mm 0.2"
+    said = call.good(f"touch calibrate {rests}/t.parquet {shots} -o shots.safetensors").out
+    assert "30 touches" in said
 
 
 def test_touches_of_an_arm_without_a_model_are_planned(call, folder):
-    plate = ["--block", folder / "block.toml"]
-    result = call("touch", "run", "raven2", *plate, "--count", "12")
-    assert result.code == 0, result.err
-    lines = [line for line in result.out.splitlines() if "rising" in line or "falling" in line]
-    assert len({line.split("│")[2] for line in lines}) == 12
-    for wrong, said in (
-        (["raven2", *plate, "--count", "8"], "--count 8: it takes 12 at least; give so many"),
-        (["raven2"], "without a model, takes --block"),
-        (["raven2", "--bolted", folder / "block.toml"], "without a model, takes --block"),
-        (["raven3", *plate], "raven3"),
-        (["forceps", *plate], "is for raven2"),
-        ([folder / "none.safetensors", *plate], "none.safetensors"),
-        ([folder / "model.safetensors", *plate, "--prior", folder], "is for an arm without"),
-        (["raven2", *plate, "--prior", folder / "none.st"], "none.st"),
-    ):
-        refused = call("touch", "run", *wrong)
-        assert refused.code == 2, wrong
-        assert said in refused.err
-        assert refused.err.count("\n") == 1
+    block = f"--block {folder}/block.toml"
+    assert len(planned(call.good(f"touch run raven2 {block} --count 12").out)) == 12
+    refuse_all(
+        call, "touch run",
+        (f"raven2 {block} --count 8", "--count 8: it takes 12 at least; give so many"),
+        ("raven2", "without a model, takes --block"),
+        (f"raven2 --bolted {folder}/block.toml", "without a model, takes --block"),
+        (f"raven3 {block}", "raven3"), (f"forceps {block}", "is for raven2"),
+        (f"none.safetensors {block}", "none.safetensors"),
+        (f"{folder}/model.safetensors {block} --prior .", "is for an arm without"),
+        (f"raven2 {block} --prior none.st", "none.st"),
+    )  # fmt: skip

@@ -83,9 +83,10 @@ def test_keys_move_the_arm(terminal, tmp_path):
     assert moved[-1] > moved[0] + 1e-3
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_however_it_ends_the_terminal_is_restored(terminal, number):
-    stopped = terminal()
-    stopped.until("pause and leave")
-    os.kill(stopped.process.pid, number)
-    assert stopped.end() == 130, stopped.shown
+def test_however_it_ends_the_terminal_is_restored(terminal):
+    signals = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+    stopped = [terminal() for _ in signals]  # which home at the same time
+    for each, number in zip(stopped, signals, strict=True):
+        each.until("pause and leave")
+        os.kill(each.process.pid, number)
+        assert each.end() == 130, each.shown

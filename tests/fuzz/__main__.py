@@ -127,11 +127,11 @@ def main() -> int:
                     traceback.print_exc()
                     os._exit(2)
             _, code = os.waitpid(child, 0)
-            number = int.from_bytes(at[:8], "little") + (os.WIFSIGNALED(code) or code == 0)
-            if os.WIFSIGNALED(code):
+            ended = os.waitstatus_to_exitcode(code)
+            number = int.from_bytes(at[:8], "little") + (ended != 1)
+            if ended not in {0, 1}:
                 with (seeds.parent / "found.jsonl").open("a") as file:
-                    died = f"died of signal {os.WTERMSIG(code)}"
-                    file.write(json.dumps([number - 1, died]) + "\n")
+                    file.write(json.dumps([number - 1, f"its process ended with {ended}"]) + "\n")
             print(f"{number} cases", end="\r", flush=True)
         os.chdir("/")
         found = seeds.parent / "found.jsonl"

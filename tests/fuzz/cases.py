@@ -178,8 +178,8 @@ class Draw:
         seed = self.one(self.seeds)
         if self.chance(0.1):
             return str(self.one((self.folder, "nosuch", "", *TEXTS)))
-        if self.chance(0.35):
-            return str(seed)
+        if self.chance(0.35):  # a copy of it: what is called may write over it
+            return shutil.copy(seed, self.folder)
         if self.chance(0.05):
             seed = seed.with_suffix(self.one(self.seeds).suffix)  # what it is not
         odd = self.one(ODD_NAMES) if self.chance(0.2) else str(self.rng.integers(10))
@@ -219,6 +219,7 @@ class Draw:
     def call(self) -> list[str]:
         """Draw a command with its words."""
         name = self.one(sorted(commands()))
+        self.covered.add(f"line {name}")
         words = name.split()
         options = []
         for parameter in commands()[name].params:
@@ -375,5 +376,6 @@ def everything(seeds: Path) -> set[str]:
         if parameter.opts[0].startswith("-")
     }
     files = {f"file {path.name}" for path in seeds.iterdir()}
+    lines = {f"line {name}" for name in commands()}
     messages = {"frames", "message measured", "message setpoint", "message truth"}
-    return options | files | messages | {f"function {name}" for name in functions()}
+    return options | files | lines | messages | {f"function {name}" for name in functions()}

@@ -8,7 +8,7 @@ import pytest
 import truejoint
 from truejoint.errors import TruejointError
 
-from .cases import make, make_seeds, run
+from .cases import Draw, make, make_seeds, run
 from .kills import Kills
 
 
@@ -29,6 +29,27 @@ def test_a_case_is_made_again_by_its_number(seeds, tmp_path):
     assert make(1, 7, seeds, tmp_path).what == make(1, 7, seeds, tmp_path).what
 
 
+def test_a_case_gets_no_file_that_others_need(seeds, tmp_path):
+    draw = Draw(1, 0, seeds, tmp_path)
+    assert not {draw.file() for _ in range(200)} & set(map(str, draw.seeds))
+
+
+TAKE_A_PATH = (
+    truejoint.read_recording,
+    truejoint.recordings.detect_format,
+    truejoint.recordings.read_truth,
+    truejoint.recordings.read_track,
+    lambda name: truejoint.simulation.make_twin("raven2", parameters=name),
+)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "x/" * 3000], ids=len)
+@pytest.mark.parametrize("function", TAKE_A_PATH)
+def test_a_name_longer_than_any_is_refused_as_one_that_is_not_there(function, name):
+    with pytest.raises(TruejointError):
+        function(name)
+
+
 @pytest.mark.parametrize("duration", [-1.0, 0.0, np.nan])
 def test_a_zero_is_not_looked_for_in_no_time(seeds, duration):
     model = truejoint.read_calibration(seeds / "linear.safetensors")
@@ -38,8 +59,9 @@ def test_a_zero_is_not_looked_for_in_no_time(seeds, duration):
 
 
 def test_what_is_killed_loses_no_file(tmp_path):
-    kills, rng = Kills(tmp_path), np.random.default_rng(1)
-    for _ in range(12):
+    kills = Kills(tmp_path, ("rezero", "correct to csv", "extract", "trajectory", "export"))
+    rng = np.random.default_rng(1)
+    for _ in range(10):
         what, wrong = kills.one(rng)
         assert not wrong, f"{what}: {wrong}"
 

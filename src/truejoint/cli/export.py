@@ -19,11 +19,9 @@ def export(
     name: str,
     kind: Literal["c", "onnx", "ros", "bag"],
     output: Path,
-    files: Files,
     precision: Literal["double", "float"] = "double",
     prefix: str | None = None,
     level_percent: float | None = None,
-    range_margin: float | None = None,
     on_fault: Literal["hold", "raw", "silent"] = "hold",
     compensate: bool = False,
     profile: str = "",
@@ -35,28 +33,24 @@ def export(
     package, for catkin and ament, is a node around it. The ONNX graph holds the regressor alone.
     With --to bag, write a recording as a ROS bag of CRTK's topics.
     """
-    stated = {"level": options.share(level_percent), "range_margin": range_margin}
-    how: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
-    if on_fault != "hold":
-        how["on_fault"] = on_fault
+    stated = {"level": options.share(level_percent), "on_fault": on_fault}
+    how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
     if kind == "bag":
         if how or compensate or prefix is not None or precision != "double":
-            raise ExportError("--to bag takes --profile and metadata; leave other options out")
+            raise ExportError("--to bag takes --profile; leave other options out")
         check_target(output, overwrite=force)
-        recording = files.one(name)
+        recording = Files().one(name)
         with progress(f"Writing {output}"):
             truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
         topics = ", ".join(truejoint.recordings.bag_topics(output))
         out.print(f"{output}: {len(recording)} rows as {topics}")
         return Result({"files": [str(output)]})
-    if profile or files != Files():
-        raise ExportError("--profile, --robot, --columns and --metadata are for --to bag")
+    if profile:
+        raise ExportError("--profile is for --to bag; leave it out")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
     if kind == "onnx" and how:
-        raise ExportError(
-            "--level, --range-margin and --on-fault work only with --to c and --to ros"
-        )
+        raise ExportError("--level and --on-fault work only with --to c and --to ros")
     check_folder(output, error=ExportError)
     calibration = truejoint.read_calibration(name)
     if compensate:

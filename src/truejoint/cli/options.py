@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache, wraps
-from importlib import import_module, resources
+from importlib import resources
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
@@ -20,7 +20,6 @@ from truejoint.summary import json_values
 from truejoint.units import display_unit
 
 CHECK_FAILED: Final = 1
-_DATASETS: Final = "recordings.datasets:DATASETS"
 
 
 def share(percent: float | None) -> float | None:
@@ -179,29 +178,5 @@ def _described(parameter: inspect.Parameter, entry: Mapping[str, Any]) -> inspec
     how = {key: entry[key] for key in ("help", "metavar", "min", "max") if key in entry}
     if "panel" in entry:
         how["rich_help_panel"] = entry["panel"]
-    if "complete" in entry:
-        ending = "=" if "=" in entry.get("metavar", "") else ""
-        how["autocompletion"] = _names(entry["complete"], ending)
     option = make(*entry.get("flags", ()), **how)
     return parameter.replace(annotation=Annotated[parameter.annotation, option])
-
-
-def _names(place: str, ending: str) -> Callable[[str], list[Any]]:
-    """Give what completes a word to the names of a ``module:collection``, each with an ending.
-
-    Those of a mapping stand beside what each means, where its values say so. Data sets that stand
-    where files do, ``"recordings"``, wait for a letter: files are the shell's own to complete.
-    """
-
-    def names(incomplete: str) -> list[Any]:
-        module, _, name = (_DATASETS if place == "recordings" else place).partition(":")
-        if place == "recordings" and not incomplete:
-            return []
-        values = getattr(import_module(f"truejoint.{module}"), name)
-        values = values() if callable(values) else values
-        if not isinstance(values, Mapping):
-            return [f"{value}{ending}" for value in values]
-        meanings = {key: getattr(v, "summary", v) for key, v in values.items()}
-        return [(key, m if isinstance(m, str) else "") for key, m in meanings.items()]
-
-    return names

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -207,11 +207,13 @@ def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield key, shortened(text, 300) if key == "settings" else text
 
 
-def datasets(name: str | None = None, fetch: bool = False, pattern: str = "*") -> Result:
+def datasets(name: str | None = None, fetch: bool = False) -> Result:
     """List public recordings of real joints; with a name, describe a data set or fetch it."""
     sets = truejoint.recordings.datasets
     if name is None:
-        listed = {each: _dataset_facts(dataset) for each, dataset in sets.DATASETS.items()}
+        listed = {
+            each: _dataset_facts(about, about.recordings) for each, about in sets.DATASETS.items()
+        }
         rows = []
         for each, facts in listed.items():
             dataset, here = sets.DATASETS[each], "yes" if facts["here"] else "no"
@@ -219,19 +221,23 @@ def datasets(name: str | None = None, fetch: bool = False, pattern: str = "*") -
             rows.append((each, dataset.title, size, licence, here))
         print_table(("name", "what", "MB", "licence", "here"), rows, numbers=False)
         return Result({"datasets": [*listed.values()]})
+    name, _, pattern = name.partition(":")
+    dataset = sets.get_dataset(name)
     if not fetch:
-        facts = _dataset_facts(sets.get_dataset(name))
+        facts = _dataset_facts(dataset, dataset.match(pattern or "*"))
         texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
-        print_facts(sets.get_dataset(name).title, texts.items())
+        print_facts(dataset.title, texts.items())
         return Result(facts)
-    with progress(f"Fetching {name} from {sets.get_dataset(name).repository}") as done:
-        folder = sets.fetch(name, pattern, progress=done)
+    with progress(f"Fetching {name} from {dataset.repository}") as done:
+        folder = sets.fetch(name, pattern or "*", progress=done)
     out.print(f"{name} is in {folder}")
     return Result({"name": name, "folder": str(folder)})
 
 
-def _dataset_facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, Any]:
-    """Describe a data set: its source, how to cite it, how to judge on it."""
+def _dataset_facts(
+    dataset: truejoint.recordings.datasets.Dataset, names: Iterable[str]
+) -> dict[str, Any]:
+    """Describe a data set: its source, how to cite it, recordings of these names, how to judge."""
     return {
         "name": dataset.name,
         "robot": dataset.robot,
@@ -240,7 +246,7 @@ def _dataset_facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, 
         "notice": dataset.notice,
         "citation": dataset.citation,
         "here": _is_here(dataset),
-        "recordings": list(dataset.recordings),
+        "recordings": list(names),
         "features": list(dataset.features),
         "splits": [split.name for split in dataset.splits],
     }

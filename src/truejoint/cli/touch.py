@@ -231,7 +231,6 @@ def bolt(
     touches: Path,
     block: Path,
     output: Path,
-    files: Files,
     recording: str | None = None,
     touch_sd_mm: float = 0.2,
     force: bool = False,
@@ -240,7 +239,7 @@ def bolt(
     check_target(output, overwrite=force)
     shape, calibration = truejoint.tip.read_block(block), truejoint.read_calibration(model)
     made = truejoint.tip.read_touches(touches)
-    whole = files.one(recording or str(touches.with_suffix(".parquet")), model=calibration)
+    whole = Files().one(recording or str(touches.with_suffix(".parquet")), model=calibration)
     pose, fit = truejoint.tip.find_block(
         calibration, whole, made, shape, touch_sd=touch_sd_mm / 1e3
     )

@@ -32,11 +32,10 @@ def parse_sparsity(text: str) -> float:
 # Options of each kind; what is not stated is as the motion has it.
 KINDS: Final = {
     "zigzag": ("direction", "sparsity", "published"),
-    "random": ("duration_s", "seed", "swing"),
+    "random": ("duration_s", "seed"),
     "designed": ("duration_s", "seed"),
     "nested": ("duration_s",),
 }
-_PYTHON: Final = {"duration_s": "duration", "swing": "profile"}  # what the motions call them
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,6 @@ class Shape:
     published: bool | None = None
     duration_s: float | None = None
     seed: int | None = None
-    swing: str | None = None
 
     def make(self, kind: str, robot: truejoint.robots.Robot) -> truejoint.motion.Trajectory:
         """Make a trajectory; raises TrajectoryError for an option that is not of its kind."""
@@ -61,7 +59,8 @@ class Shape:
                 )
         if self.sparsity is not None:
             how["sparsity"] = parse_sparsity(self.sparsity)
-        how = {_PYTHON.get(name, name): value for name, value in how.items()}
+        if self.duration_s is not None:
+            how["duration"] = how.pop("duration_s")
         maker: Any = getattr(truejoint.motion, kind if kind == "zigzag" else f"{kind}_motion")
         return cast("truejoint.motion.Trajectory", maker(robot, **how))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -82,7 +83,7 @@ class Parameters:
         nominal, name = cls._shipped("nominal"), str(path)
         if name in cls.SPECIMENS:
             return cls._laid_over(nominal, cls._shipped(name), name)
-        if not (Path(path).suffix or Path(path).exists()):
+        if not (Path(path).suffix or os.path.exists(path)):  # noqa: PTH110  # of any length
             refusal = unknown("specimen", name, cls.SPECIMENS)
             raise TruejointError(f"{refusal}; or give a TOML file")
         return cls._laid_over(nominal, read_toml(Path(path), TruejointError), name)

@@ -15,6 +15,7 @@ import numpy as np
 from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
+from truejoint.files import is_folder
 from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
 from truejoint.recordings.read.numeric_text import TextLayout, read_numbers, text_layout
@@ -216,7 +217,7 @@ def read_table(
     Any file may be in gzip. `robot` and `arm` overrule those of the column map, `rate` [Hz] stands
     in for time stamps. One column must be of the quantity `needed`.
     """
-    head = head or (None if path.is_dir() else Head.of(path))
+    head = head or (None if is_folder(path) else Head.of(path))
     if head and head.is_text:
         header = read_header(head, column_map, rate)
         machine, notes = _robot(path, header.columns, robot, arm, needed)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
+from truejoint.files import is_folder
 from truejoint.recordings.bounded_file import Head, require_file
 from truejoint.recordings.read import mapped, raven_csv
 from truejoint.recordings.read.bags.container import is_bag
@@ -82,9 +83,9 @@ def read_recordings(
             "recording of a table"
         )
     source = Path(path)
-    if not source.exists():
+    if not os.path.exists(source):  # noqa: PTH110  # of any length
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
-    head = None if format or source.is_dir() else Head.of(source)
+    head = None if format or is_folder(source) else Head.of(source)
     name = format or _detect(source, head, with_map="column_map" in context)
     entry = get_format(name)
     about: dict[str, Any] = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
@@ -130,7 +131,7 @@ def why_no_recording(
     One that is damaged counts as a recording: reading it says so.
     """
     try:
-        head = None if path.is_dir() else Head.of(path)
+        head = None if is_folder(path) else Head.of(path)
         name = _detect(path, head, with_map=column_map is not None)
         if name == "csv" and head is not None:
             header = mapped.read_header(head, column_map)
@@ -163,7 +164,7 @@ def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> st
     'parquet'
     """
     source = Path(path)
-    return _detect(source, None if source.is_dir() else Head.of(source), with_map=with_map)
+    return _detect(source, None if is_folder(source) else Head.of(source), with_map=with_map)
 
 
 def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
+from truejoint.files import is_folder
 from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.bags.assembling import find_wiring
 from truejoint.recordings.read.bags.container import is_bag
@@ -181,7 +182,7 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
-    head, name = Head(source, b"") if source.is_dir() else Head.of(source), source.name
+    head, name = Head(source, b"") if is_folder(source) else Head.of(source), source.name
     if len(sources) > 1 or is_bag(source, head.data):
         if unit != "m":
             raise RecordingError(f"{source}: a bag's points are in m; leave the unit out")
