@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
-from truejoint.estimators import identify_stiffness
+from truejoint.calibration import identify_stiffness
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen

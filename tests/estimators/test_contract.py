@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sklearn.base import clone
-from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
+from tests.refusals import refused
+from tests.runtime.registered import fit, good_rows, in_loop, model, training, unseen
 from tests.runtime.streams import stepped
 
 from truejoint.calibration import Calibration, read_calibration, with_interval, write_calibration
@@ -33,12 +34,6 @@ def rows(name: str, count: int = 400) -> tuple[Calibration, np.ndarray, np.ndarr
     return calibration, X, dt
 
 
-def refused(said: str, build, *args) -> None:
-    with pytest.raises(CalibrationError, match=said) as caught:
-        build(*args)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize("name", in_loop())
 def test_single_rows_give_the_bits_of_all_rows(name):
     calibration, X, dt = rows(name)
@@ -53,15 +48,7 @@ def test_single_rows_give_the_bits_of_all_rows(name):
 @pytest.mark.parametrize("name", in_loop())
 def test_corrector_and_calibration_give_the_same_bits(name):
     calibration, recording = model(name), unseen(name).rows(np.arange(300))
-    whole = calibration.correct(recording)
-    corrector = ready(calibration, range_margin=1.0)
-    samples = recording.table[list(corrector.signals)].to_numpy()
-    good = 0
-    for i, t in enumerate(recording.t.tolist()):
-        if corrector.step(t, samples[i]) == 0:
-            np.testing.assert_array_equal(corrector.position, whole[i])
-            good += 1
-    assert good > 200
+    assert good_rows(calibration, recording, calibration.correct(recording)) > 200
 
 
 @pytest.mark.parametrize("name", in_loop())
@@ -164,8 +151,9 @@ def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
                 family.check_params({**params, parameter: value})
             assert f" parameter {parameter} is " in str(caught.value)
             assert str(caught.value).endswith(f"; it must be {rule.text}")
-        with pytest.raises(CalibrationError, match="it needs"):
-            family.check_params({k: v for k, v in params.items() if k != parameter})
+        refused(
+            "it needs", family.check_params, {k: v for k, v in params.items() if k != parameter}
+        )
     for parameter, rule in get_estimator(name).training.items():
         for value in (value for value in WRONG if not rule.holds(value)):
             wrong = get_estimator(name).set_params(**{parameter: value})

@@ -91,6 +91,17 @@ def exported(folder: Path, model, precision: str = "double", flags=SAME_BITS, **
     return Library(folder, precision, flags)
 
 
+def good_rows(library: Library, calibration, recording) -> int:
+    """Run a recording in C and count the good samples: each has the bits of its corrected row."""
+    assert library.functions.check() == 0
+    library.functions.start()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
+    status, position, *_ = library.run(np.array(recording.t), samples, len(calibration.joints))
+    good = status == 0
+    np.testing.assert_array_equal(position[good], calibration.correct(recording)[good])
+    return int(good.sum())
+
+
 def expected(corrector, t, samples):
     """What a corrector gives, as `Library.run` does."""
     return run(corrector, t, samples, lambda row: row % ACKNOWLEDGED or corrector.acknowledge())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,11 @@ def simulate(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     return mean, u, truth, z + rng.normal(size=z.shape) * np.sqrt(np.diag(R))
 
 
+def normalised(error: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Squares (rows,) of errors in what their covariances state."""
+    return np.einsum("ki,ki->k", error, np.linalg.solve(P, error[..., None])[..., 0])
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -78,16 +84,9 @@ def test_nees_and_nis_within_their_chi_square_bounds(options: dict) -> None:
     for run in range(RUNS):
         mean, u, truth, z = simulate(1000 + run)
         result = estimator.run(z, u, x0=mean, P0=P0, dt=DT)
-        error = truth - result.x
-        nees[run] = np.einsum(
-            "ki,ki->k", error, np.linalg.solve(result.P, error[..., None])[..., 0]
-        )
-        nis[run] = result.nis
         after = estimator.smooth(result)
-        error = truth - after.x
-        smoothed_nees[run] = np.einsum(
-            "ki,ki->k", error, np.linalg.solve(after.P, error[..., None])[..., 0]
-        )
+        nees[run], nis[run] = normalised(truth - result.x, result.P), result.nis
+        smoothed_nees[run] = normalised(truth - after.x, after.P)
     for values, degrees in ((nees, 4), (nis, 2), (smoothed_nees, 4)):
         low, high = scipy.stats.chi2.ppf([0.025, 0.975], RUNS * degrees) / RUNS
         average = values.mean(axis=0)
@@ -101,25 +100,13 @@ def test_nees_and_nis_within_their_chi_square_bounds(options: dict) -> None:
 def test_overconfident_filter_is_found_out() -> None:
     """The check above can fail: a filter told half the noise lies outside the bounds."""
     right = model()
-    wrong = StateSpaceModel(
-        right.transition,
-        right.measurement,
-        Q / 4,
-        R / 4,
-        states=right.states,
-        measurements=right.measurements,
-        inputs=right.inputs,
-        parameters=right.parameters,
-    )
+    wrong = replace(right, process_noise=Q / 4, measurement_noise=R / 4)
     estimator = UnscentedFilter(wrong)
     values = []
     for run in range(20):
         mean, u, truth, z = simulate(2000 + run)
         result = estimator.run(z, u, x0=mean, P0=P0, dt=DT)
-        error = (truth - result.x)[-100:]
-        values.append(
-            np.einsum("ki,ki->k", error, np.linalg.solve(result.P[-100:], error[..., None])[..., 0])
-        )
+        values.append(normalised((truth - result.x)[-100:], result.P[-100:]))
     assert np.mean(values) > scipy.stats.chi2.ppf(0.999, 20 * 4) / 20
 
 

@@ -16,10 +16,7 @@ from tests.filters.linear import linear_model
 from tests.filters.test_faults import seen, still
 
 from truejoint.filters import UnscentedFilter
-from truejoint.filters.sigma_points import (
-    FilterError,
-    ScaledSigmaPoints,
-)
+from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
 from truejoint.filters.state_space import StateSpaceModel
 from truejoint.filters.status import FilterStatus
 

@@ -11,12 +11,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from truejoint.filters import (
-    FilterError,
-    FilterStatus,
-    StateSpaceModel,
-    UnscentedFilter,
-)
+from truejoint.filters import FilterError, FilterStatus, StateSpaceModel, UnscentedFilter
 
 DT = 0.01
 PRIOR = {"x0": [0.3, 0.0], "P0": np.diag([1e-2, 1e-2])}

@@ -22,7 +22,7 @@ from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
-from truejoint.runtime import Corrector
+from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.forceps.motions import record_forceps
@@ -139,6 +139,19 @@ def unseen(name: str) -> Recording:
     if at_the_motor(name):
         return forceps()[1].rows(np.arange(500, 3500))
     return streams.recording(np.arange(0.0, 60.0, 1 / 30), seed=5)
+
+
+def good_rows(calibration: Any, recording: Recording, whole: np.ndarray, most: int = 10**9) -> int:
+    """Count good samples, until there are so many: each has the bits of its row of `whole`."""
+    corrector, good = ready(calibration, range_margin=1.0), 0
+    samples = recording.table[list(corrector.signals)].to_numpy()
+    for i, t in enumerate(recording.t.tolist()):
+        if corrector.step(t, samples[i]) == Status.OK:
+            np.testing.assert_array_equal(corrector.position, whole[i])
+            good += 1
+        if good == most:
+            break
+    return good
 
 
 def ready_unless_refused(folder: Path, content: bytes) -> Corrector | None:

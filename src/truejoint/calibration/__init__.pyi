@@ -3,12 +3,15 @@ from .calibration import Calibration as Calibration
 from .choose import Automatic as Automatic
 from .conformal import cross_interval as cross_interval
 from .conformal import with_interval as with_interval
+from .drive_stiffness import identify_stiffness as identify_stiffness
 from .fit import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
 from .like import calibrate_like as calibrate_like
 from .model_file import read_calibration as read_calibration
 from .model_file import write_calibration as write_calibration
+from .motor_zero import EncoderZero as EncoderZero
+from .motor_zero import find_encoder_zero as find_encoder_zero
 from .motor_zero import motor_zero as motor_zero
 from .rows import Rows as Rows
 from .zero import Zero as Zero

@@ -2,21 +2,127 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
+from truejoint.estimators.jaw.learn import reversals
 from truejoint.estimators.jaw.signals import RESET
-from truejoint.estimators.jaw_load.learn import EncoderZero, FrictionFilter, find_encoder_zero
+from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.estimators.registry import name_of
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
+
+
+LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
+SHOWN: Final = 2.0  # deviations that a shift must have to be one
+_SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
+_RESOLUTION: Final = 0.3e-6  # [m], of an encoder of 1 um
+
+
+@dataclass(frozen=True)
+class EncoderZero:
+    """Zero of the reset encoder in this session.
+
+    Attributes
+    ----------
+    shift : float
+        By how much ``x2`` reads too much, compared with the calibration [m].
+    deviation : float
+        Standard deviation of that [m].
+
+    Examples
+    --------
+    >>> EncoderZero(shift=2e-6, deviation=1.5e-6).correction
+    0.0
+    """
+
+    shift: float
+    deviation: float
+
+    @property
+    def correction(self) -> float:
+        """Shift to take off ``x2`` [m]: 0 where it is within two deviations, and would harm."""
+        return self.shift if abs(self.shift) > SHOWN * self.deviation else 0.0
+
+
+def find_encoder_zero(
+    model: FrictionFilter, X: ArrayLike, dt: ArrayLike | None = None
+) -> EncoderZero:
+    """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
+
+    Unloaded, motor and reset cable move together as in calibration, and homing keeps the motor's
+    zero: what they differ by on average is the reset side's. Friction that is not as in calibration
+    shifts the way there and the way back apart, and their mean by up to about half of that, which
+    is the deviation (12 virtual forceps, four motions each: 0.0 to 2.2 of it).
+
+    Parameters
+    ----------
+    model : FrictionFilter
+        Fitted to an unloaded motion.
+    X : array_like, shape (n, 2)
+        Motor angle [rad] and ``x2`` [m]: whole cycles about zero, or some friction stays in the
+        average.
+    dt : array_like, shape (n,), optional
+        Time since the row before [s]; rows 5 ms apart by default.
+
+    Raises
+    ------
+    CalibrationError
+        If the motion covers less than a fifth of the calibration's range or turns round less than
+        twice, or no shift below 0.3 mm explains it.
+
+    Examples
+    --------
+    >>> phase = np.linspace(0.0, 12.0 * np.pi, 4000)
+    >>> X = np.column_stack([11.5 * np.sin(phase), 3e-3 * np.sin(phase)])
+    >>> model = FrictionFilter().fit(X, 0.8 * np.sin(phase))
+    >>> round(1e6 * find_encoder_zero(model, X + [0.0, 2e-5]).shift, 1)
+    20.0
+    """
+    rows = np.array(X, dtype=np.float64)
+    times = model.time_steps(dt, len(rows))
+    span = float(np.ptp(rows[:, 1]) * model.arrays_["scale"][0])
+    if not span > _SMALLEST_RANGE:
+        raise CalibrationError(
+            f"the motion covers {100 * span / 2:.0f} % of the calibration's range; move the jaw "
+            "there and back over a tenth of it at least to find its zero"
+        )
+    turns = reversals(rows[:, 0])
+    if turns < 2:
+        raise CalibrationError(
+            f"the motion turns round {turns} times; friction puts the way there and the way back "
+            "apart, so move the jaw whole cycles about zero"
+        )
+
+    def misfit(shift: float) -> Array:
+        return model.misfit(rows - np.array([0.0, shift]), times)
+
+    def mean(shift: float) -> float:
+        return float(np.mean(misfit(shift)))
+
+    ends = mean(-LARGEST_SHIFT), mean(LARGEST_SHIFT)
+    if ends[0] * ends[1] > 0.0:
+        raise CalibrationError(
+            "no shift of the reset encoder below 0.3 mm explains this motion; is a load on the "
+            "jaw, or was the cable mounted anew? Calibrate again"
+        )
+    shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
+    residual, opens = misfit(shift), np.gradient(rows[:, 0]) > 0.0
+    loop_width = abs(residual[opens].mean() - residual[~opens].mean())
+    slope = abs(ends[1] - ends[0]) / (2.0 * LARGEST_SHIFT)
+    return EncoderZero(shift, math.hypot(_RESOLUTION, 0.25 * loop_width / slope))
 
 
 def motor_zero(

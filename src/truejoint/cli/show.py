@@ -86,13 +86,13 @@ def estimators(name: str | None = None) -> Result:
 
     Take `-e auto`, the default, unless you compare methods: it tries those that are marked.
     """
-    from truejoint.estimators.registry import PRESETS, estimator_names, summaries
+    from truejoint.estimators.registry import PRESETS, Preset, estimator_names
 
-    foreign = {"what": "of an installed package", "sees": "any features"}
-    about, tried = summaries(), {known for known, preset in PRESETS.items() if preset.is_tried}
+    foreign = Preset("", "", "of an installed package", "any features")
+    presets = {known: PRESETS.get(known, foreign) for known in estimator_names()}
     facts = {
-        known: {**about.get(known, foreign), "auto": "yes" if known in tried else "no"}
-        for known in estimator_names()
+        known: {"what": each.what, "sees": each.sees, "auto": "yes" if each.is_tried else "no"}
+        for known, each in presets.items()
     }
     if name is None:
         rows = [(known, *values.values()) for known, values in facts.items()]

@@ -4,12 +4,9 @@ from .cables.learn import CableHybrid as CableHybrid
 from .gp.learn import GaussianProcess as GaussianProcess
 from .jaw.learn import CableLeastSquares as CableLeastSquares
 from .jaw.learn import JawFilter as JawFilter
-from .jaw_load.learn import EncoderZero as EncoderZero
 from .jaw_load.learn import FrictionFilter as FrictionFilter
 from .jaw_load.learn import GatedPlays as GatedPlays
 from .jaw_load.learn import Stiffness as Stiffness
-from .jaw_load.learn import find_encoder_zero as find_encoder_zero
-from .jaw_load.learn import identify_stiffness as identify_stiffness
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .motor_side.learn import ElasticJointHybrid as ElasticJointHybrid
 from .network.learn import GRU as GRU

@@ -14,7 +14,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
-from truejoint.estimators.family import EstimatorData, Family, Params, Rule, check_rules, evaluate
+from truejoint.estimators.family import EstimatorData, Family, evaluate
+from truejoint.estimators.rules import Params, Rule, check_rules
 from truejoint.layout import Memory
 from truejoint.threads import one_thread
 

@@ -19,16 +19,8 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import address, borrow, compiled, copy, fill, inlined, unrolled
-from truejoint.estimators.family import (
-    ROW,
-    EstimatorData,
-    Family,
-    Params,
-    Rule,
-    Shape,
-    call_row,
-    find_family,
-)
+from truejoint.estimators.family import ROW, EstimatorData, Family, Shape, call_row, find_family
+from truejoint.estimators.rules import Params, Rule
 from truejoint.estimators.stack.run import are_members, member_shapes, members
 from truejoint.filters import FilterStatus
 from truejoint.filters import fields as at

@@ -1,13 +1,12 @@
 """Every estimator by the name that a user writes; what learns is imported when asked for.
 
-A preset is a line: the class that learns, the module whose `FAMILY` runs what it learnt, and
-parameters. A new estimator is a folder beside this file, a line here and one in `summaries.toml`.
+A new estimator is a folder beside this file and a table in `presets.toml`.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -31,12 +30,15 @@ BESIDE_FILTER: Final = "rich_trees"  # and half of this are best
 
 
 class Preset(NamedTuple):
-    """A class with parameters, and whether an automatic choice tries it."""
+    """A class with parameters, and whether an automatic choice tries it, as `presets.toml` says."""
 
-    learns: str  # class, with its module below this package
-    runs: str  # module below this package whose `FAMILY` runs it, or the one named behind a colon
-    params: Mapping[str, Any] = {}  # all that tell the presets of a class from each other
+    learns: str
+    runs: str
+    what: str
+    sees: str
+    params: Mapping[str, Any] = {}
     is_tried: bool = False
+    title: Sequence[str] = ()
 
     @property
     def family(self) -> str:
@@ -50,59 +52,25 @@ class Preset(NamedTuple):
         return getattr(import_module(f"{__package__}.{module}"), name)
 
 
-_PLAYS: Final = "plays.learn.Plays", "plays.run"
-_JAW_PLAYS: Final = "plays.learn.JawPlays", "plays.run:jaw_bank"
-_LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.run:least_squares"
-_POLYNOMIAL: Final = "polynomial.learn.Polynomial", "polynomial.run"
+def _presets() -> dict[str, Preset]:
+    text = resources.files(__package__).joinpath("presets.toml").read_text(encoding="utf-8")
+    presets = {name: Preset(**row) for name, row in tomllib.loads(text).items()}
+    return {
+        name: preset._replace(
+            params={k: tuple(v) if isinstance(v, list) else v for k, v in preset.params.items()}
+        )
+        for name, preset in presets.items()
+    }
 
-PRESETS: Final[dict[str, Preset]] = {
-    OFFSET: Preset(*_POLYNOMIAL, {"degree": 0, "ridge": False}, True),
-    "linear": Preset(*_POLYNOMIAL, {"degree": 1, "ridge": False}, True),
-    "poly2": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": False}),
-    "dnn": Preset("network.learn.NeuralNetwork", "network.run"),
-    "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, True),
-    "linear_trees": Preset(
-        "stack.learn.Stack", "stack.run", {"members": (LINEAR, BOOSTED_TREES)}, True
-    ),
-    "rich_play": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": False}, True),
-    "rich_trees": Preset(*_PLAYS, {"learner": "trees", "couple": False, "turn": False}, True),
-    "coupled_play": Preset(*_PLAYS, {"learner": "trees", "couple": True, "turn": False}, True),
-    "run_out": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": True}, True),
-    "gp": Preset("gp.learn.GaussianProcess", "gp.run", {}, True),
-    "gp_lowpass": Preset(
-        *_PLAYS, {"learner": "gaussian_process", "couple": False, "turn": False}, True
-    ),
-    "gru": Preset("network.learn.GRU", "network.run:gru"),
-    "tcn": Preset("network.learn.TCN", "network.run:tcn"),
-    "lsm": Preset(*_LEAST_SQUARES, {"intercept": False, "compensated": False}),
-    "lsm_intercept": Preset(*_LEAST_SQUARES, {"intercept": True, "compensated": False}),
-    "lsm_compensated": Preset(*_LEAST_SQUARES, {"intercept": False, "compensated": True}),
-    "ukf": Preset("jaw.learn.JawFilter", "jaw.run", {"compensated": False}),
-    "ukf_compensated": Preset("jaw.learn.JawFilter", "jaw.run", {"compensated": True}),
-    "play_motor": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw",)}),
-    "play_drive": Preset(*_JAW_PLAYS, {"signals": ("cable/drive",)}),
-    "play_reset": Preset(*_JAW_PLAYS, {"signals": ("cable/reset",)}),
-    "play_both": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw", "cable/reset")}),
-    "play_cables": Preset(*_JAW_PLAYS, {"signals": ("cable/drive", "cable/reset")}),
-    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.run:gated", {}, True),
-    "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
-    "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
-    "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, True),
-    "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
-    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows", {}, True),
-}
+
+PRESETS: Final = _presets()
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
 FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {"trees": "trees.run"}
 """Where each family is, by its name; trees are part of other estimators."""
 
-TITLES: Final = {
-    OFFSET: ("Fixed offset", "the fixed offset"),
-    "linear": ("Linear", "the linear model"),
-    "poly2": ("2nd-order polynomial", "the 2nd-order polynomial"),
-    "dnn": ("Neural network", "the neural network"),
-}
+TITLES: Final = {name: preset.title for name, preset in PRESETS.items() if preset.title}
 """What a person calls some of them, alone and within a sentence; others go by their names."""
 
 
@@ -115,18 +83,6 @@ def estimator_names() -> tuple[str, ...]:
     ('offset', 'linear', 'poly2', 'dnn')
     """
     return (*OWN, *plugged_in())
-
-
-def summaries() -> dict[str, dict[str, str]]:
-    """Say `what` each of truejoint's own estimators is, and what it `sees`.
-
-    Examples
-    --------
-    >>> summaries()["linear"]
-    {'what': 'least squares on the features', 'sees': 'any features'}
-    """
-    text = resources.files(__package__).joinpath("summaries.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
 
 
 def registered(name: str) -> Any:

@@ -15,8 +15,9 @@ from sklearn.neural_network import MLPRegressor
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, target_scaling
-from truejoint.estimators.family import ANYTHING, EstimatorData, Family, Rule, find_family
+from truejoint.estimators.family import EstimatorData, Family, find_family
 from truejoint.estimators.registry import OWN, PRESETS, estimator_names, plugged_in, registered
+from truejoint.estimators.rules import ANYTHING, Rule
 from truejoint.estimators.trees.learn import convert
 from truejoint.plugins import call_plugin, load_plugin, origin
 

@@ -12,9 +12,9 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
 from truejoint.compiled import compiled, copy, fill, inlined, vector
 from truejoint.estimators.family import call_row
-from truejoint.estimators.products import add_triangle
 from truejoint.features.feature_set import feature_row
 from truejoint.layout import part_memory, part_numbers
+from truejoint.products import add_triangle
 from truejoint.runtime import fields as at
 from truejoint.runtime.fields import unpack
 from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SHORTEST_STEP, SLIP_SHARE

@@ -11,8 +11,8 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.products import padded
 from truejoint.features.feature_set import MAX_RATE_RATIO, MAX_STEPS
+from truejoint.products import padded
 
 RANGE_MARGIN: Final = 0.5
 """Share of its trained range by which a feature may lie outside before it is out of range.

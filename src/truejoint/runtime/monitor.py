@@ -30,9 +30,9 @@ from truejoint.calibration.efforts import (
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
-from truejoint.estimators.products import weighted
 from truejoint.features.feature_set import feature_row
 from truejoint.layout import Layout, refuse_copy
+from truejoint.products import weighted
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.runtime.registered import model, wrist
 
 from truejoint.calibration import calibrate
@@ -79,8 +80,7 @@ def test_a_dead_band_is_the_friction_of_the_pin_that_gives_way_first():
 
 
 def test_a_calibration_without_a_load_is_not_asked_for_loads():
-    with pytest.raises(CalibrationError, match="add a minute under known loads"):
-        calibrate(wrist()[:1], "ukf_cables")
+    refused("add a minute under known loads", calibrate, wrist()[:1], "ukf_cables")
 
 
 def test_a_load_without_truth_is_none():
@@ -125,10 +125,8 @@ def test_a_weight_that_always_hangs_there_counts_by_its_size():
 def test_recordings_too_short_are_refused():
     recording = wrist()[1]
     few = recording.rows(np.arange(390))
-    with pytest.raises(CalibrationError, match="390 rows"):
-        calibrate(few, "ukf_cables")
+    refused("390 rows", calibrate, few, "ukf_cables")
 
 
 def test_cables_of_another_kind_are_refused():
-    with pytest.raises(CalibrationError, match="knows no cables"):
-        CableFilter().fit(np.zeros((500, 6)), np.zeros((500, 3)))
+    refused("knows no cables", CableFilter().fit, np.zeros((500, 6)), np.zeros((500, 3)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.runtime.registered import fit, model, ready, unseen, wrist
 from tests.runtime.streams import OneByOne
 
@@ -117,10 +118,10 @@ def test_of_a_load_that_calibration_did_not_have_it_says_what_the_filter_says():
 
 
 def test_without_a_load_it_is_refused_as_the_filter_is():
-    with pytest.raises(CalibrationError, match="add a minute under known loads"):
-        calibrate(wrist()[:1], "hybrid_cables")
-    with pytest.raises(CalibrationError, match="hybrid_cables knows no cables"):
-        CableHybrid().fit(np.zeros((500, 6)), np.zeros((500, 3)))
+    refused("add a minute under known loads", calibrate, wrist()[:1], "hybrid_cables")
+    refused(
+        "hybrid_cables knows no cables", CableHybrid().fit, np.zeros((500, 6)), np.zeros((500, 3))
+    )
 
 
 def test_plays_that_are_none_are_refused():

@@ -8,8 +8,9 @@ from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, step
 
 from truejoint.calibration import calibrate
 from truejoint.estimators import FrictionFilter
+from truejoint.estimators.jaw.signals import FLICKER, SLIDING
 from truejoint.estimators.jaw_load import run as friction_filter
-from truejoint.estimators.jaw_load.run import DEGREE, SHOWN
+from truejoint.estimators.jaw_load.run import DEGREE, SHOWN, TURNING, UNSHOWN, hidden_load
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest
 
@@ -132,3 +133,27 @@ def test_the_loop_tells_the_load(pair):
     assert np.allclose(trace.beside["load"][:, 1], half_width, rtol=1e-6, atol=1e-9)
     half_width = 1.6448536 * states.angle_deviation
     assert np.allclose(trace.half_width[under, 0], half_width[under], rtol=1e-6, atol=1e-9)
+
+
+def test_a_load_that_nothing_shows_may_be_as_large_as_friction_holds():
+    """Moving, at rest, and turned by a load, by the definitions."""
+    hold = np.zeros(5)
+    step, still, part = 50e-6, np.zeros(200), 5e-6
+
+    def after(drive, reset, fresh=False):
+        dt = np.r_[0.0 if fresh else 5e-3, np.full(len(drive) - 1, 5e-3)]
+        return [hidden_load(*row, hold) for row in zip(dt, drive, reset, strict=True)][-1]
+
+    moving = np.arange(200) * step
+    assert after(moving, moving, fresh=True) < 0.01
+    turning, end = moving[-1] - moving, moving[-1] + still
+    assert after(turning[:100], end[:100]) == pytest.approx(TURNING)
+    place = float(turning[99])
+    assert after(place + still, end) == pytest.approx(UNSHOWN) == pytest.approx(2.0 / 3.0**0.5)
+    assert after(place + still, end - part) == pytest.approx(
+        np.hypot(UNSHOWN * np.exp(x := -(part - 2.0 * FLICKER) / SLIDING), SHOWN * -np.expm1(x))
+    )
+    assert after(place + still, end - 20 * part) == pytest.approx(SHOWN, rel=0.01)
+    # The motor goes on, and what was shown is of another place.
+    after(place + moving, end - moving)
+    assert after(place + moving[-1] + still, end - moving[-1]) == pytest.approx(UNSHOWN)

@@ -8,7 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from sklearn.base import clone
-from tests.estimators.motor_side.test_motor_side import fit, recording, rows
+from tests.estimators.motor_side.test_motor_side import estimate, fit, recording, rows
 from tests.runtime.streams import OneByOne
 
 from truejoint import calibrate
@@ -48,12 +48,12 @@ def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
     dt[400] = 0.0
     alone = filter_of(fitted)
     whole, told = fitted.evaluate(X, dt), alone.evaluate(X, dt)
-    found = fitted.estimate(X, dt)
+    found = estimate(fitted, X, dt)
     n_plays = 2 * (
         1 + sum(len(fitted.fitted_params_[name]) for name in ("plays", "time_constants"))
     )
     assert fitted.arrays_["0/mean"].shape == (n_plays + ELEMENTS + 2 + 1,)
-    np.testing.assert_array_equal(found.load, alone.estimate(X, dt).load)
+    np.testing.assert_array_equal(found.load, estimate(alone, X, dt).load)
     np.testing.assert_array_equal(whole, found.angle[:, :1])
     assert np.ptp(whole - told) > 1e-3
 
@@ -61,7 +61,7 @@ def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
 def test_trees_learn_what_the_filters_responses_lack(fitted):
     X, y, dt = rippled(range(30, 34))
     for left, without in zip(
-        *((one.estimate(X, dt).angle - y).std(axis=0) for one in (fitted, filter_of(fitted))),
+        *((estimate(one, X, dt).angle - y).std(axis=0) for one in (fitted, filter_of(fitted))),
         strict=True,
     ):
         assert left < 0.7 * without
@@ -83,7 +83,7 @@ def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
     for row, step in zip(X, dt, strict=True):
         state.step(step, row)
         told.append(state.memory.view("torque")[0])
-    np.testing.assert_array_equal(told, fitted.estimate(X, dt).angle[:, 1])
+    np.testing.assert_array_equal(told, estimate(fitted, X, dt).angle[:, 1])
 
 
 def test_a_mean_tells_the_torque_of_its_member(fitted):
@@ -98,7 +98,7 @@ def test_a_mean_tells_the_torque_of_its_member(fitted):
     trace = loop.run(unseen)
     hybrid = model.model.members_[0].members_[0]
     X = model.feature_set.compute(unseen, model.gap_limit)
-    told = hybrid.estimate(X, time_steps(unseen.t, model.gap_limit))
+    told = estimate(hybrid, X, time_steps(unseen.t, model.gap_limit))
     np.testing.assert_allclose(trace.beside["torque"][:, 0], told.angle[:, 1], atol=1e-9)
 
 

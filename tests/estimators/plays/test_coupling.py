@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators import Plays
 from truejoint.estimators.plays.learn import identify_coupling
 from truejoint.estimators.plays.run import SETTLED, coupled_play, coupled_play_rows
@@ -77,8 +77,7 @@ def test_other_features_are_not_coupled_and_count_all_the_same():
 )
 def test_what_cannot_be_coupled_is_refused(how, joints, said):
     X = np.random.default_rng(0).normal(size=(1200, joints))
-    with pytest.raises(CalibrationError, match=said):
-        Plays(**{"learner": "trees", "couple": True, **how}).fit(X, X[:, 0])
+    refused(said, Plays(**{"learner": "trees", "couple": True, **how}).fit, X, X[:, 0])
 
 
 FRICTION = np.array([0.1, 0.3, 0.05])

@@ -9,7 +9,9 @@ import pytest
 from sklearn.svm import SVR
 from tests.estimators.motor_side.test_motor_side import recording as grasper
 from tests.export.library import exported, needs_compiler
-from tests.runtime.registered import ready
+from tests.export.library import good_rows as good_rows_in_c
+from tests.refusals import refused
+from tests.runtime.registered import good_rows
 
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
@@ -65,27 +67,12 @@ def test_a_filter_on_signals_of_its_own_and_others_stand_in_one_mean(tmp_path):
     write_calibration(mean(), path)
     read = read_calibration(path)
     np.testing.assert_array_equal(read.correct(unseen), mean().correct(unseen))
-    corrector = ready(path, range_margin=1.0)
-    samples = unseen.table[list(corrector.signals)].to_numpy()
-    good = 0
-    for i, t in enumerate(unseen.t.tolist()):
-        if corrector.step(t, samples[i]) == 0:
-            np.testing.assert_array_equal(corrector.position, mean().correct(unseen)[i])
-            good += 1
-        if good == 300:
-            break
-    assert good == 300
+    assert good_rows(path, unseen, mean().correct(unseen), most=300) == 300
 
 
 @needs_compiler
 def test_the_mean_is_printed_to_c_with_the_same_bits(tmp_path):
-    library, unseen = exported(tmp_path, mean()), grasper(9)
-    assert library.functions.check() == 0
-    library.functions.start()
-    samples = unseen.table[list(mean().loop_signals)].to_numpy()
-    status, position, *_ = library.run(np.array(unseen.t), samples, 1)
-    np.testing.assert_array_equal(position[status == 0], mean().correct(unseen)[status == 0])
-    assert (status == 0).sum() > 300
+    assert good_rows_in_c(exported(tmp_path, mean()), mean(), grasper(9)) > 300
 
 
 @pytest.mark.parametrize(("columns", "said"), [
@@ -96,8 +83,7 @@ def test_wrong_places_are_refused(columns, said):
     X, y = np.arange(60.0).reshape(20, 3), np.arange(20.0)
     fitted = Stack((Polynomial(1),), sees=((0,),)).fit(X, y)
     params = {**fitted.model_params(), "columns": (columns,)}
-    with pytest.raises(CalibrationError, match=said):
-        FAMILY.check(EstimatorData("stack", params, fitted.arrays_), 3, 1)
+    refused(said, FAMILY.check, EstimatorData("stack", params, fitted.arrays_), 3, 1)
 
 
 @pytest.mark.parametrize(("given", "said"), [
@@ -107,8 +93,9 @@ def test_wrong_places_are_refused(columns, said):
     ({"sees": ((0,), (1,))}, "takes weights"), ({"sees": (0, 1)}, "different places"),
 ])  # fmt: skip
 def test_what_members_cannot_see_is_refused(given, said):
-    with pytest.raises(CalibrationError, match=said):
-        Stack(("linear", "poly2"), **given).fit(np.eye(3)[[0, 1, 2] * 9], np.arange(27.0))
+    refused(
+        said, Stack(("linear", "poly2"), **given).fit, np.eye(3)[[0, 1, 2] * 9], np.arange(27.0)
+    )
 
 
 def test_what_only_works_offline_stands_alone_and_is_kept_in_no_file():

@@ -19,10 +19,11 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables import run as cable_filter
 from truejoint.estimators.cables.run import DECAY, SOUGHT
-from truejoint.estimators.family import EstimatorData, Family, Params, Rule, optional
+from truejoint.estimators.family import EstimatorData, Family
 from truejoint.estimators.filtered import Estimate, histories, joined, run_filter
 from truejoint.estimators.jaw.learn import MIN_ROWS, usual_dt
 from truejoint.estimators.plays.learn import Plays
+from truejoint.estimators.rules import Params, Rule, optional
 from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import CableMechanism
 

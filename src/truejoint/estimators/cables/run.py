@@ -19,7 +19,8 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import filtered as at
 from truejoint.estimators.cables import loops
 from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
-from truejoint.estimators.family import Family, Params, Rule, Shape
+from truejoint.estimators.family import Family, Shape
+from truejoint.estimators.rules import Params, Rule
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Memory, part_memory, part_numbers

@@ -12,10 +12,11 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, fill, matrix, unrolled, wide
-from truejoint.estimators.family import Family, Params, Shape, integer
+from truejoint.estimators.family import Family, Shape
 from truejoint.estimators.network.run import declare_scaling, scaling_shapes
-from truejoint.estimators.products import BLOCK, add_product, padded, standardise
+from truejoint.estimators.rules import Params, integer
 from truejoint.layout import Layout, Memory
+from truejoint.products import BLOCK, add_product, padded, standardise
 
 MAX_POINTS: Final = 4096
 DOUBLINGS: Final = 8  # of an exponent, from where seven terms of a series do
@@ -104,10 +105,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory
         inverse_lengths=inverse,
         points=points.ravel(),
         weights=weights.ravel(),
-        scaled=np.zeros(k),
-        lengths=np.zeros(k),
         bells=np.zeros(n_points + -n_points % BLOCK),
-        sums=np.zeros(BLOCK),
     )
 
 

@@ -12,21 +12,22 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
-from truejoint.estimators.family import POSITIVE, Family, Params, Shape, one_of, only_joint
+from truejoint.estimators.family import Family, Shape, only_joint
 from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
 from truejoint.estimators.jaw.signals import (
-    COEFFICIENTS,
     DRIVE,
     ERROR_SHAPES,
     MECHANISM_RULES,
     MOTOR,
     RESET,
     bounded_error,
+    declare_error,
 )
-from truejoint.estimators.products import weighted
+from truejoint.estimators.rules import POSITIVE, Params, one_of
 from truejoint.filters import ScaledSigmaPoints, StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.products import weighted
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
 # by row), jaw inertia, slider mass, torque on the jaw per motor angle, and the spectral densities
@@ -180,16 +181,13 @@ class ForcepsModel(SimpleNamespace):
 
 
 LAYOUT: Final = filter_layout()
-LAYOUT.integer("compensated", "1: less the error model (25)")
+declare_error(LAYOUT)
 LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
 LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
 LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
 LAYOUT.scalar("constant", "added to the angle [rad]")
-LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
-LAYOUT.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
-LAYOUT.array("error_range", "within which that is believed [rad]", 2)
 unpack = LAYOUT.unpacker()
 
 
@@ -274,12 +272,9 @@ OBSERVED: Final = 7
 """Columns of the observation matrix (29)."""
 
 LEAST_SQUARES_LAYOUT: Final = Layout()
-LEAST_SQUARES_LAYOUT.integer("compensated", "1: less the error model in the motor's angle")
+declare_error(LEAST_SQUARES_LAYOUT)
 LEAST_SQUARES_LAYOUT.scalar("constant", "of the sum [rad]")
 LEAST_SQUARES_LAYOUT.array("coef", "of each column", OBSERVED)
-LEAST_SQUARES_LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
-LEAST_SQUARES_LAYOUT.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
-LEAST_SQUARES_LAYOUT.array("error_range", "within which that is believed [rad]", 2)
 LEAST_SQUARES_LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before", 4)
 LEAST_SQUARES_LAYOUT.array(
     "columns", "of a row: x1 and x2 with derivatives, sign of a speed", OBSERVED

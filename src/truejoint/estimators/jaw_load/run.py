@@ -25,19 +25,11 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators import filtered as at
-from truejoint.estimators.family import (
-    POSITIVE,
-    Family,
-    Params,
-    Shape,
-    is_number,
-    number,
-    numbers,
-    only_joint,
-)
+from truejoint.estimators.family import Family, Shape, only_joint
 from truejoint.estimators.jaw.signals import MECHANISM_RULES, MOTOR, RESET, SLIDING, stand
 from truejoint.estimators.plays import run as plays
 from truejoint.estimators.plays.run import jaw_bank, play_bank_row
+from truejoint.estimators.rules import POSITIVE, Params, is_number, number, numbers
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Layout, Memory, part_memory, part_numbers

@@ -9,20 +9,20 @@ from dataclasses import dataclass
 from typing import ClassVar, Final, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
-from truejoint.estimators.family import EstimatorData, Family, Params
-from truejoint.estimators.filtered import Estimate, histories, joined, run_filter
+from truejoint.estimators.family import EstimatorData, Family
+from truejoint.estimators.filtered import histories, joined, run_filter
 from truejoint.estimators.jaw import learn as jaw
 from truejoint.estimators.motor_side import run as model
 from truejoint.estimators.plays.learn import feature_scales
 from truejoint.estimators.plays.run import follow_rows
 from truejoint.estimators.polynomial.learn import blocks, cross_validated, levels, ridge
+from truejoint.estimators.rules import Params
 from truejoint.estimators.trees.learn import TreeSum, tree_sum, trees_data
 from truejoint.estimators.trees.run import FAMILY as TREES
 
@@ -148,22 +148,6 @@ class ElasticJointFilter(JointRegressor):
         jaw.check_jumps(self.name, model.DRIVER, X[:, 0], np.cumsum(dt == 0.0))
         turns = sum(jaw.reversals(X[rows, 0]) for rows in histories(dt))
         jaw.check_reversals(self.name, "driver", turns)
-
-    def estimate(self, X: Array, dt: ArrayLike | None = None) -> Estimate:
-        """Angle, torque and load, with their deviations, of rows `X` (n, 2) in the order of time.
-
-        The load is the torque that would hold the jaw in the middle without friction. `dt` (n,) is
-        as for `fit`.
-        """
-        elements = int(self.elements)
-        run = run_filter(self.data, X, self.time_steps(dt, len(X)))
-        scale = float(self.arrays_["scales"][2])
-        variance = np.maximum(run.P[:, elements, elements], 0.0)
-        return Estimate(
-            np.hstack([run.outputs, run.beside[:, 0]]),
-            np.hstack([run.deviations, run.beside[:, 1]]),
-            run.x[:, elements] * scale, np.sqrt(variance) * scale, run.x,
-        )  # fmt: skip
 
 
 def thinned(dt: Array, has_truth: Flags) -> Integers:
@@ -348,8 +332,8 @@ class ElasticJointHybrid(ElasticJointFilter):
     They see plays and low-passes of driver and torque, and what the filter estimates besides, its
     friction and load included. Each split may ask for a few of these, drawn at random as in a
     random forest (Breiman, Machine Learning 45, 2001), since the load by itself would tell the
-    recordings apart. It needs the same as the filter; loads, and all deviations that `estimate`
-    gives, are the filter's own.
+    recordings apart. It needs the same as the filter; loads and all deviations are the filter's
+    own.
 
     Examples
     --------

@@ -18,9 +18,10 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators import filtered as at
-from truejoint.estimators.family import Family, Params, Shape, integer, number, one_of, only_joint
+from truejoint.estimators.family import Family, Shape, only_joint
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.run import expand
+from truejoint.estimators.rules import Params, integer, number, one_of
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Memory, part_memory, part_numbers

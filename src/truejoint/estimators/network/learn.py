@@ -299,6 +299,11 @@ class SequenceNetwork(JointRegressor):
 
     It sees one row in a period, and is trained on windows of such rows by Adam, whose rate falls
     linearly to 0. A row in between is predicted as if it were the next that it sees.
+
+    Attributes
+    ----------
+    loss_curve_ : list of float
+        Mean loss over the batches of each epoch.
     """
 
     least_rows: ClassVar[int] = 1000
@@ -449,11 +454,6 @@ class GRU(SequenceNetwork):
     random_state : int, RandomState or None
         Seeds the start and the windows; None differs every time.
 
-    Attributes
-    ----------
-    loss_curve_ : list of float
-        Mean loss over the batches of each epoch.
-
     Examples
     --------
     >>> GRU(units=8, period=0.005, window=8).name
@@ -499,11 +499,6 @@ class TCN(SequenceNetwork):
         Time between the rows that it sees [s]; where rows are further apart, it sees each.
     weight_decay, learning_rate, window, batch_size, epochs, random_state
         As of `GRU`.
-
-    Attributes
-    ----------
-    loss_curve_ : list of float
-        Mean loss over the batches of each epoch.
 
     Examples
     --------

@@ -19,18 +19,10 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, fill, matrix, unrolled, vector
-from truejoint.estimators.family import (
-    RANDOM_STATE,
-    Family,
-    Params,
-    Rule,
-    Shape,
-    integer,
-    is_integer,
-    number,
-)
-from truejoint.estimators.products import add_product, layer, padded, rescale, standardise
+from truejoint.estimators.family import Family, Shape
+from truejoint.estimators.rules import RANDOM_STATE, Params, Rule, integer, is_integer, number
 from truejoint.layout import Layout, Memory
+from truejoint.products import add_product, layer, padded, rescale, standardise
 
 MAX_LAYERS: Final = 8
 MAX_UNITS: Final = 2048
@@ -252,10 +244,6 @@ def _gru_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> M
         width=width,
         period=params["period"],
         **table,
-        **dict.fromkeys(("gates", "from_state"), np.zeros(3 * width)),
-        state=np.zeros(units),
-        seen=np.zeros(units + k),
-        sums=np.zeros_like(table["output_bias"]),
     )
 
 

@@ -11,18 +11,9 @@ from scipy.optimize import least_squares
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
-from truejoint.estimators import registry
+from truejoint.estimators import registry, rules
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, constant_columns
-from truejoint.estimators.family import (
-    RANDOM_STATE,
-    Family,
-    Params,
-    Rule,
-    check_rules,
-    integer,
-    number,
-    optional,
-)
+from truejoint.estimators.family import Family
 from truejoint.estimators.gp.learn import GaussianProcess
 from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.estimators.jaw.signals import MOTOR, RESET
@@ -35,6 +26,7 @@ from truejoint.estimators.polynomial.learn import (
 )
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.polynomial.run import interaction_factors, of_degree
+from truejoint.estimators.rules import Params, Rule
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.stack.run import members
 
@@ -120,11 +112,11 @@ class Plays(JointRegressor):
     family: ClassVar[Family] = play_bank.FAMILY
     least_rows: ClassVar[int] = 300
     training: ClassVar[Mapping[str, Rule]] = {
-        "positions": optional(
+        "positions": rules.optional(
             Rule(lambda value: isinstance(value, tuple | list), "places of features")
         ),
-        "rows": integer(1, 10**9),
-        "random_state": RANDOM_STATE,
+        "rows": rules.integer(1, 10**9),
+        "random_state": rules.RANDOM_STATE,
     }
     learner: str = "ridge"
     couple: bool = False
@@ -152,7 +144,7 @@ class Plays(JointRegressor):
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
-        check_rules(self.name, self.training, self.get_params(deep=False))
+        rules.check_rules(self.name, self.training, self.get_params(deep=False))
         for name, wanted in (("positions", "couple"), ("turns", "turn")):
             if getattr(self, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
@@ -397,7 +389,7 @@ class JawPlays(JawEstimator):
     """
 
     family: ClassVar[Family] = play_bank.JAW_BANK
-    training: ClassVar[Mapping[str, Rule]] = {"penalty": number(0.0, 1e12)}
+    training: ClassVar[Mapping[str, Rule]] = {"penalty": rules.number(0.0, 1e12)}
     signals: tuple[str, ...] = (MOTOR, RESET)
     plays: tuple[float, ...] = play_bank.JAW_WIDTHS
     penalty: float = JAW_PENALTY

@@ -22,26 +22,14 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled, vector
 from truejoint.errors import CalibrationError
-from truejoint.estimators.family import (
-    LARGEST,
-    Family,
-    Params,
-    Rule,
-    Shape,
-    call_row,
-    find_family,
-    is_integer,
-    is_number,
-    numbers,
-    one_of,
-    only_joint,
-)
+from truejoint.estimators.family import Family, Shape, call_row, find_family, only_joint
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
-from truejoint.estimators.products import standardise, weighted
+from truejoint.estimators.rules import LARGEST, Params, Rule, is_integer, is_number, numbers, one_of
 from truejoint.estimators.stack.run import ONE_MEMBER, member_shapes, members
 from truejoint.features.feature_set import MAX_TIME_CONSTANT, lowpass, play
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.products import standardise, weighted
 
 MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
@@ -272,7 +260,7 @@ def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs
         family = find_family(data.family)
         model = family.memory(data, n_seen(params, n_features), n_outputs)
         address, functions = family.row_address(), {"row": family.row}
-    k, n_plays, n_coupled = n_features, len(params["plays"]), len(params["coupled"])
+    k, n_plays = n_features, len(params["plays"])
     return LAYOUT.pack(
         functions,
         centre=arrays["centre"],
@@ -286,8 +274,6 @@ def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs
         coupling=arrays.get("coupling", np.zeros((0, 0))),
         reaches=arrays.get("reaches", np.zeros(0)),
         shares=SHARES,
-        wanted=np.zeros(n_coupled),
-        stood=np.zeros((len(SHARES), n_coupled)),
         turns=np.reshape(params["turns"], (-1, k)),
         row=address,
         model=model,

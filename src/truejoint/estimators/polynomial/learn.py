@@ -13,19 +13,11 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.estimators import registry
-from truejoint.estimators.base import (
-    Arrays,
-    JointRegressor,
-    Progress,
-    labelled_parts,
-    share_of,
-    standardisation,
-    target_scaling,
-    untold,
-)
-from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
+from truejoint.estimators import base, registry
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.family import Family
 from truejoint.estimators.polynomial.run import FAMILY, factors_of, of_degree
+from truejoint.estimators.rules import Params, Rule, number, one_of, optional
 
 PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
@@ -170,17 +162,19 @@ class Polynomial(JointRegressor):
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         factors = factors_of(self.model_params(), X.shape[1])
-        mean, inverse_scale = standardisation(X)
+        mean, inverse_scale = base.standardisation(X)
         scaled = (X - mean) * inverse_scale
         if self.ridge:
-            centre, scale = target_scaling(y)
+            centre, scale = base.target_scaling(y)
             table = scale * self._penalised(scaled, (y - centre) / scale, dt, factors, progress)
             coef, intercept = table[1:], table[0] + centre
         else:
-            parts = labelled_parts(y)
+            parts = base.labelled_parts(y)
             n = len(parts)
             fits = [
-                least_squares(scaled[rows], y[rows, outputs], factors, share_of(progress, i, n))
+                least_squares(
+                    scaled[rows], y[rows, outputs], factors, base.share_of(progress, i, n)
+                )
                 for i, (rows, outputs) in enumerate(parts)
             ]
             coef, intercept = map(np.hstack, zip(*fits, strict=True))
@@ -324,7 +318,7 @@ class PenalisedFit(NamedTuple):
 def cross_validated(
     products: Array,
     weights: Sequence[Array],
-    progress: Progress = untold,
+    progress: Progress = base.untold,
     penalties: Sequence[float] = PENALTIES,
     *,
     standardise: bool = True,
@@ -359,7 +353,7 @@ def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
 
     The constant is not penalised.
     """
-    mean, inverse = standardisation(columns)
+    mean, inverse = base.standardisation(columns)
     scaled = (columns - mean) * inverse
     constant = float(y.mean())
     gram = scaled.T @ scaled / len(y) + penalty * np.eye(scaled.shape[1])

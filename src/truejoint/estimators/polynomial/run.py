@@ -12,9 +12,10 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
-from truejoint.estimators.family import Family, Params, Shape, integer, one_of
-from truejoint.estimators.products import layer, padded, standardise
+from truejoint.estimators.family import Family, Shape
+from truejoint.estimators.rules import Params, integer, one_of
 from truejoint.layout import Layout, Memory
+from truejoint.products import layer, padded, standardise
 
 MAX_DEGREE: Final = 5
 MAX_TERMS: Final = 4000

@@ -15,16 +15,9 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, share_of
-from truejoint.estimators.family import (
-    ANYTHING,
-    LARGEST,
-    RANDOM_STATE,
-    EstimatorData,
-    Family,
-    Params,
-    Rule,
-)
+from truejoint.estimators.family import EstimatorData, Family
 from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.rules import ANYTHING, LARGEST, RANDOM_STATE, Params, Rule
 from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 

@@ -20,14 +20,12 @@ from truejoint.estimators.family import (
     TARGETS,
     EstimatorData,
     Family,
-    Params,
     Path,
-    Rule,
     Shape,
     call_row,
     find_family,
-    is_integer,
 )
+from truejoint.estimators.rules import Params, Rule, is_integer
 from truejoint.layout import PART_SIZE, Layout, Memory, part_memory, part_numbers
 
 MAX_MEMBERS: Final = 10
@@ -194,7 +192,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     limits = {"lower": (), "upper": (), "slope": none, "direct": none}
     return LAYOUT.pack(
         functions, count=count, first=np.cumsum([0, *count[:-1]]), output=np.concatenate(used),
-        weights=arrays["weights"], predicted=np.zeros(n_outputs), n_seen=n_seen,
+        weights=arrays["weights"], n_seen=n_seen,
         first_seen=np.cumsum(n_seen) - n_seen, columns=[p for places in seeing for p in places],
         **{name: arrays.get(name, value) for name, value in limits.items()}, **table,
     )  # fmt: skip

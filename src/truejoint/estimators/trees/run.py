@@ -10,7 +10,8 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, inlined, vector
 from truejoint.errors import CalibrationError
-from truejoint.estimators.family import Family, Params, Shape, integer
+from truejoint.estimators.family import Family, Shape
+from truejoint.estimators.rules import Params, integer
 from truejoint.layout import Layout, Memory
 
 MAX_TREES: Final = 10**5
@@ -156,7 +157,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
         feature=np.where(inner, feature[order], n_features),
         child=child,
         first=np.where(inner, 0, right[order]),
-        node=np.zeros(ABREAST, dtype=np.int64),
         threshold=np.where(inner, arrays["threshold"][order], 0.0),
     )
 

@@ -11,11 +11,8 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration import calibrate
-from truejoint.estimators.jaw_load.learn import (
-    FrictionFilter,
-    identify_stiffness,
-)
+from truejoint.calibration import calibrate, identify_stiffness
+from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension

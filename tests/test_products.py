@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.estimators.products import BLOCK, add_product, add_triangle, padded
+from truejoint.products import BLOCK, add_product, add_triangle, padded
 
 
 @pytest.mark.parametrize("n", range(10))
