@@ -7,6 +7,7 @@ from rich.console import Console
 
 from truejoint.errors import StudyError
 from truejoint.studies import run_study, write_overview, write_study
+from truejoint.studies.study import Stated
 
 
 @pytest.fixture
@@ -93,7 +94,30 @@ def test_options_of_their_own_and_what_claims_were_judged_on_are_shown(toy, fold
     result = run_study(toy.study, {"count": 2})
     write_study(result, folder / "toy", overwrite=True)
     path = folder / "toy" / "toy.json"
-    path.write_text(path.read_text().replace('"on": ""', '"on": "specimen Q"', 1))
+    result = json.loads(path.read_text())
+    result["claims"][0]["on"] = "specimen Q"
+    path.write_text(json.dumps(result))
     page = write_overview(folder).read_text()
     assert "<td>full, seed 0, count 2</td>" in page
     assert "specimen Q" in page
+
+
+def test_claims_stand_in_one_list_with_their_numbers(folder, monkeypatch):
+    from truejoint.studies import page  # noqa: PLC0415
+
+    known = {"a": Stated("means differ", "toy2020", "toy", number="T1")}
+    known["b"] = Stated("never tried", "toy2020", "other", number="T2")
+    monkeypatch.setattr(page, "CLAIMS", known)
+    path = folder / "toy" / "toy.json"
+    result = json.loads(path.read_text())
+    result["claims"][0] |= {"number": "T1", "test": "Student's t at 95 %, n = 3"}
+    path.write_text(json.dumps(result))
+    text = write_overview(folder, command="truejoint study all").with_name("claims.md").read_text()
+    assert "truejoint study all" in text
+    assert (
+        "| T1 | means differ | toy2020 | `toy` | holds | so | Student's t at 95 %, n = 3 |" in text
+    )
+    assert "| T2 | never tried | toy2020 | `other` | not run |" in text
+    assert result["origin"]["source"].startswith("source ")
+    assert result["origin"]["source"] in text
+    assert "data:image/png;base64," in (folder / "index.html").read_text()

@@ -1,13 +1,16 @@
 import json
+import re
 from contextlib import suppress
 from importlib import import_module
 from inspect import signature
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pandas import Series
 
+import truejoint.studies
 from truejoint.errors import StudyError, TruejointError
 from truejoint.studies import (
     STUDIES,
@@ -20,7 +23,7 @@ from truejoint.studies import (
     get_study,
 )
 from truejoint.studies.rows import mean_text
-from truejoint.studies.study import shown
+from truejoint.studies.study import CLAIMS, TESTS, shown
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 TEXTS = st.text("abcdefg_0123", min_size=1)
@@ -137,3 +140,18 @@ def test_rows_have_the_labels_of_their_parts():
     results = {"a": PartResult([{"rms": 1.0}, {"rms": 2.0}]), "b": PartResult([{"rms": 3.0}])}
     rows = Results.of(Settings("small", 0, {}), parts, results).rows
     assert rows.values.tolist() == [["a", "A", 1.0], ["a", "A", 2.0], ["b", "B", 3.0]]
+
+
+def test_every_claim_of_the_papers_is_judged_by_a_study():
+    """A claim that no code names would be listed and never judged."""
+    folder = Path(truejoint.studies.__file__).parent
+    code = "".join(path.read_text() for path in folder.glob("*/*.py"))
+    named = re.compile(r"""CLAIMS\[f?"([^"]+)"\]""").findall(code)
+    patterns = [re.compile(re.sub(r"\{[^}]*\}", ".+", name) + "$") for name in named]
+    for key, stated in CLAIMS.items():
+        assert any(pattern.match(key) for pattern in patterns), key
+        assert stated.study in STUDIES
+        assert stated.test in TESTS
+    assert all(any(pattern.match(key) for key in CLAIMS) for pattern in patterns)
+    numbers = [stated.number for stated in CLAIMS.values()]
+    assert len(set(numbers)) == len(numbers)

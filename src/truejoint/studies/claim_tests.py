@@ -17,14 +17,14 @@ from scipy import stats
 
 from truejoint.array_types import Array
 from truejoint.studies.rows import select
-from truejoint.studies.study import Holds, Statement
+from truejoint.studies.study import LEVEL, Holds, Stated, Statement
 
 Verdict = tuple[Holds, str]
 """Whether a claim holds, None where it is not told, and what was found."""
 Pick = Mapping[str, Any] | tuple[Mapping[str, Any], Mapping[str, Any]] | Callable[..., Array]
 
-LEVEL: Final = 0.95
-"""At which a difference is told."""
+NEAR: Final = 1.5
+"""Factor within which an error is as a paper prints it."""
 RULE: Final = (
     f"A claim holds, or does not, at {100 * LEVEL:.0f} % by Student's t over the repetitions, "
     "shared among its comparisons where one of them speaks against it; one repetition tells "
@@ -53,7 +53,7 @@ def below(lower: ArrayLike, higher: ArrayLike, among: int = 1) -> bool | None:
     return holds if told else None
 
 
-def below_all(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> bool | None:
+def below_all(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> Holds:
     """Whether the first of every pair is `below` the second.
 
     >>> below_all([([1.0, 1.1, 0.9], 2.0), ([1.0, 1.1, 0.9], 0.5)])
@@ -62,13 +62,14 @@ def below_all(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> bool | None:
     return whole(*(below(low, high, len(pairs)) for low, high in pairs))
 
 
-def whole(*verdicts: bool | None) -> bool | None:
-    """Verdict on all of several: False if one is, else None if one is, else True.
+def whole(*verdicts: Holds) -> Holds:
+    """Verdict on all of several: False if one is, else None, else "more" if one is, else True.
 
     >>> whole(True, None, False), whole(True, None), whole(True, True)
     (False, None, True)
     """
-    return False if False in verdicts else None if None in verdicts else True
+    order: tuple[Holds, ...] = (False, None, "more")
+    return next((one for one in order if one in verdicts), True)
 
 
 def about(values: ArrayLike, least: float, most: float) -> Holds:
@@ -79,6 +80,29 @@ def about(values: ArrayLike, least: float, most: float) -> Holds:
     """
     above, beneath = below(least, values), below(values, most)
     return "more" if above and beneath is False else whole(above, beneath)
+
+
+def matches(pairs: Sequence[tuple[str, ArrayLike, float]]) -> Verdict:
+    """Whether named errors (k,) are the sizes that a paper prints, within a factor `NEAR`.
+
+    ``"more"`` where none is larger and one is told to be smaller than that. The text gives the
+    pair that is farthest off, and how many are within the factor in the mean.
+
+    >>> matches([("RMS", [0.10, 0.11, 0.12], 0.12)])
+    (True, 'RMS: 0.110, printed 0.120, the farthest of 1; 1 within a factor 1.5')
+    """
+    verdicts: list[Holds] = []
+    for _, values, printed in pairs:
+        under = below(values, NEAR * printed, len(pairs))
+        above = below(printed / NEAR, values)
+        verdicts.append("more" if under and above is False else whole(under, above))
+    means = np.array([np.mean(np.asarray(values, dtype=float)) for _, values, _ in pairs])
+    off = np.abs(np.log(means / [printed for *_, printed in pairs]))
+    (name, _, printed), worst = pairs[int(off.argmax())], means[off.argmax()]
+    return whole(*verdicts), (
+        f"{name}: {worst:.3f}, printed {printed:.3f}, the farthest of {len(pairs)}; "
+        f"{np.sum(off <= np.log(NEAR))} within a factor {NEAR:g}"
+    )
 
 
 def mostly(count: int, of: int) -> bool | None:
@@ -93,14 +117,14 @@ def mostly(count: int, of: int) -> bool | None:
     return True if share.low > 0.5 else False if share.high < 0.5 else None
 
 
-def scatters_more(values: ArrayLike, others: Sequence[ArrayLike]) -> bool | None:
+def scatters_more(values: ArrayLike, others: Sequence[ArrayLike]) -> Holds:
     """Whether values (k,) scatter more than each of others (k,), by the F test of variances.
 
     >>> scatters_more([0.0, 9.0, -9.0, 5.0], [[0.0, 0.1, -0.1, 0.0]])
     True
     """
     first = np.asarray(values, dtype=float)
-    verdicts = []
+    verdicts: list[Holds] = []
     for other in map(np.asarray, others):
         if first.size < 2 or other.size < 2:
             return None
@@ -156,24 +180,26 @@ def errors(rows: Any, pick: Pick, **where: Any) -> Array:
     return by_session(rows, **{**where, **pick})
 
 
-def ordered(
-    text: str, source: str, low: Pick, high: Pick, *, flaw: bool = False, **each: Sequence[Any]
-) -> Statement:
+def limit(value: float) -> Pick:
+    """Give a limit for every session, as errors."""
+    return lambda rows, **_: np.full(rows.session.nunique(), value)
+
+
+def ordered(stated: Stated, low: Pick, high: Pick, **each: Sequence[Any]) -> Statement:
     """Claim that one error is below another, for each combination of some columns' values.
 
-    `each` gives columns that both errors share with their values, in the order of a pair's name;
-    text, source and flaw are those of a `Claim`.
+    `each` gives columns that both errors share with their values, in the order of a pair's name.
     """
 
     def judge(rows: DataFrame) -> Verdict:
         pairs = _pairs(rows, low, high, each)
         return below_all([(a, b) for _, a, b in pairs]), pair_texts(pairs)
 
-    return Statement(text, source, judge, flaw)
+    return Statement(stated, judge)
 
 
 def not_worse(
-    share: float, text: str, source: str, first: Pick, second: Pick, **each: Sequence[Any]
+    share: float, stated: Stated, first: Pick, second: Pick, **each: Sequence[Any]
 ) -> Statement:
     """Claim that a second error is above the first by at most a share of it; see `ordered`."""
 
@@ -182,7 +208,7 @@ def not_worse(
         holds = below_all([(b, allowed * a) for _, a, b in pairs])
         return holds, f"{pair_texts(pairs, allowed)} (up to {100 * share:g} % more counts as none)"
 
-    return Statement(text, source, judge)
+    return Statement(stated, judge)
 
 
 def _pairs(

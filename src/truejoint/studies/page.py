@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,12 +14,15 @@ from typing import Any, Final
 from truejoint.drawing import png
 from truejoint.errors import StudyError, other_kind
 from truejoint.evaluation.report.page import render_page, versions
-from truejoint.studies.runner import StudyResult, write_bytes
-from truejoint.studies.study import STUDIES, VERDICTS, Settings, Study
+from truejoint.studies.claim_tests import RULE
+from truejoint.studies.runner import StudyResult, software, write_bytes
+from truejoint.studies.study import CLAIMS, STUDIES, VERDICTS, Settings, Study
+from truejoint.tables import Table
 
 OVERVIEW: Final = "index.html"
 _MAX_BYTES: Final = 200_000_000  # of results that are read
-_CLAIM: Final = ("verdict", "text", "source", "on", "found", "look")
+CLAIMS_PAGE: Final = "claims.md"
+_CLAIM: Final = ("verdict", "text", "source", "on", "found", "number", "test", "look")
 
 
 def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
@@ -83,6 +87,7 @@ def write_study(
         command=command,
     )
     origin = {"command": command, "created": created, "versions": dict(versions())}
+    origin["source"] = software().rpartition(", ")[2]
     numbers = json.dumps(result.to_dict() | {"origin": origin}, indent=2, allow_nan=False)
     files = {
         target / f"{name}.html": page.encode(),
@@ -98,7 +103,8 @@ def write_study(
 def write_overview(folder: str | Path, *, command: str = "") -> Path:
     """Write the page over all results in a folder, one folder a study; returns its path.
 
-    Every claim of the papers with its verdict and number, and which studies are not there yet.
+    Every claim of the papers with its verdict and number, tables and figures of each study, and
+    which studies are not there yet. The claims alone, in their order, are ``claims.md`` beside it.
     Raises RecordingError or OSError where it cannot be written.
 
     Examples
@@ -106,7 +112,7 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
     >>> write_overview("studies")  # doctest: +SKIP
     PosixPath('studies/index.html')
     """
-    results, counts, unusual, better = {}, {}, {}, {}
+    results, counts, unusual, better, pictures = {}, {}, {}, {}, {}
     for name, study in STUDIES.items():
         result = _read(Path(folder) / name / f"{name}.json")
         with suppress(KeyError, TypeError, AttributeError, StudyError):  # as if it were not there
@@ -117,12 +123,16 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
             shown = [tuple(claim[key] for key in _CLAIM) for claim in claims]
             counts[name] = Counter(verdict for verdict, *_ in shown)
             better[name] = sum(own[0] == VERDICTS[2] and own[-1] != "fail" for own in shown)
-            results[name] = result
+            origin = {"created": "", "source": "", "versions": {}, **result["origin"]}
+            results[name] = {"tables": [], **result, "origin": origin}
+            drawn = sorted((Path(folder) / name).glob("*.png"))
+            pictures[name] = [base64.b64encode(f.read_bytes()).decode("ascii") for f in drawn]
     page = render_page(
         "overview.html.j2",
         package="truejoint.studies",
         studies=STUDIES,
         results=results,
+        pictures=pictures,
         counts=counts,
         unusual=unusual,
         better=better,
@@ -133,4 +143,31 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
     )
     path = Path(folder) / OVERVIEW
     write_bytes(path, page.encode())
+    write_bytes(path.with_name(CLAIMS_PAGE), _claims_page(results, command).encode())
     return path
+
+
+def _claims_page(results: Mapping[str, Any], command: str) -> str:
+    """Every claim of the papers by its number, as Markdown, with what each study found."""
+    judged: dict[str, list[list[str]]] = {}
+    for name, result in results.items():
+        for claim in result["claims"]:
+            where = f"`{name}`" + (f", {claim['on']}" if claim["on"] else "")
+            row = [where, claim["verdict"], claim["found"], claim["test"]]
+            judged.setdefault(claim["number"], []).append(row)
+    rows = [
+        (stated.number, stated.text, stated.source, *row)
+        for stated in CLAIMS.values()
+        for row in judged.get(stated.number, [[f"`{stated.study}`", "not run", "", ""]])
+    ]
+    made = [
+        f"`{name}`: preset {result['settings']['preset']}, seed {result['settings']['seed']}, "
+        f"{result['origin']['created']}, {result['origin']['source']}"
+        for name, result in results.items()
+    ]
+    counts = Counter(row[4] for row in rows)
+    notes = ("; ".join(f"{verdict}: {count}" for verdict, count in counts.items()) + ".", *made)
+    header = ("no.", "claim", "source", "judged by", "verdict", "found here", "test")
+    table = Table("Claims, their verdicts and tests", header, tuple(rows), notes)
+    intro = f"# Every claim of the two papers\n\nThis page is made by `{command}`.\n\n"
+    return f"{intro}{RULE}\n\n{table.markdown()}"

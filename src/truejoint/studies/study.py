@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module, resources
-from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, cast, get_args
 
 from truejoint.errors import StudyError, unknown
 
@@ -32,6 +32,14 @@ Rows = list[Row]
 PRESETS: Final = get_args(Preset)
 VERDICTS: Final = ("holds", "holds more strongly", "does not", "cannot be told")
 MAX_SEED: Final = 2**31 - 1
+LEVEL: Final = 0.95
+"""At which a difference is told."""
+TESTS: Final = {
+    "t": "Student's t", "share": "exact interval of a share", "variance": "F test of variances",
+    "stretches": "interval over stretches",
+}  # fmt: skip
+"""Tests behind verdicts, by their name in ``claims.toml``."""
+_REPETITIONS: Final = ("session", "draw", "specimen")
 
 
 @dataclass(frozen=True)
@@ -212,7 +220,8 @@ class Claim:
 
     ``"more"``: it holds, and more strongly than it is stated. `on` names what it was judged on,
     where that is one of several. A `flaw` is stated of the paper's own method or robot: where it
-    does not hold, what is here is better.
+    does not hold, what is here is better. `number` is that of `CLAIMS`, and `test` says which test
+    decided, at which level and over how many repetitions.
 
     Examples
     --------
@@ -226,6 +235,8 @@ class Claim:
     found: str
     on: str = ""
     flaw: bool = False
+    number: str = ""
+    test: str = ""
 
     @property
     def verdict(self) -> str:
@@ -239,29 +250,46 @@ class Claim:
         return "pass" if self.holds else "warn" if self.holds is None or better else "fail"
 
 
+class Stated(NamedTuple):
+    """Statement of a paper: an entry of ``claims.toml``, which says what each field means."""
+
+    text: str
+    source: str
+    study: str = ""
+    test: str = "t"
+    flaw: bool = False
+    number: str = ""
+
+    def claim(self, holds: Holds, found: str, on: str = "", count: int = 0) -> Claim:
+        """Claim with a verdict, told over `count` repetitions."""
+        better = "; better than stated" if holds is False and self.flaw else ""
+        test = f"{TESTS[self.test]} at {100 * LEVEL:.0f} %" + (f", n = {count}" if count else "")
+        text, source, found = self.text, self.source, found + better
+        return Claim(text, source, holds, found, on, self.flaw, self.number, test)
+
+
 @dataclass(frozen=True)
 class Statement:
     """Statement of a paper, before `judge` turns what was found into verdict and text.
 
-    `flaw` is as for a `Claim`.
-
     Examples
     --------
-    >>> stated = Statement("below 1 deg", "yan2020", lambda rms: (rms < 1.0, f"{rms} deg"))
-    >>> stated.judged(0.4).verdict
+    >>> stated = Stated("below 1 deg", "yan2020")
+    >>> Statement(stated, lambda rms: (rms < 1.0, f"{rms} deg")).judged(0.4).verdict
     'holds'
     """
 
-    text: str
-    source: str
+    stated: Stated
     judge: Callable[[Any], tuple[Holds, str]]
-    flaw: bool = False
 
     def judged(self, found: Any, on: str = "") -> Claim:
-        """Claim on what was found, on one of several where that has a name."""
-        holds, text = self.judge(found)
-        better = "; better than stated" if holds is False and self.flaw else ""
-        return Claim(self.text, self.source, holds, text + better, on, self.flaw)
+        """Claim on what was found, on one of several where that has a name.
+
+        Repetitions are the sessions, draws or specimens of rows.
+        """
+        columns = [name for name in _REPETITIONS if name in getattr(found, "columns", ())]
+        count = found[columns[0]].nunique() if columns else 0
+        return self.stated.claim(*self.judge(found), on, count)
 
 
 @dataclass(frozen=True)
@@ -363,8 +391,23 @@ def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
         yield Study(**{"source": "", **row}, options=tuple(options))
 
 
-_TEXT: Final = resources.files(__package__).joinpath("catalogue.toml").read_text("utf-8")
-STUDIES: Final = {study.name: study for study in _studies(tomllib.loads(_TEXT))}
+def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Stated]]:
+    """Claims by key, each with the letter of its paper and its place among the paper's."""
+    counts: dict[str, int] = {}
+    for row in table["claims"]:
+        letter = "Y" if row["source"].startswith("yan2020") else "P"
+        letter = "O" if row["source"] == "ours" else letter
+        counts[letter] = counts.get(letter, 0) + 1
+        yield row.pop("key"), Stated(**row, number=f"{letter}{counts[letter]}")
+
+
+def _shipped(name: str) -> dict[str, Any]:
+    return tomllib.loads(resources.files(__package__).joinpath(name).read_text("utf-8"))
+
+
+CLAIMS: Final = dict(_stated(_shipped("claims.toml")))
+"""Every claim of the papers that a study judges, by key, of `claims.toml`."""
+STUDIES: Final = {study.name: study for study in _studies(_shipped("catalogue.toml"))}
 """By name, of `catalogue.toml`, in the order in which they are listed."""
 
 

@@ -9,10 +9,12 @@ from truejoint.studies.claim_tests import (
     against,
     below,
     below_all,
+    matches,
     mostly,
     scatters_more,
     whole,
 )
+from truejoint.studies.study import Stated
 
 
 def rows(low, high):
@@ -28,7 +30,9 @@ def rows(low, high):
 
 
 def ordered(joints):
-    return claims.ordered("order", "paper", {"method": "a"}, {"method": "b"}, joint=tuple(joints))
+    return claims.ordered(
+        Stated("order", "paper"), {"method": "a"}, {"method": "b"}, joint=tuple(joints)
+    )
 
 
 NEAR = np.array([0.99, 1.0, 1.01])
@@ -53,7 +57,9 @@ def test_an_order_holds_only_where_every_pair_tells_it(high, verdict):
 
 @pytest.mark.parametrize(("after", "holds"), [(1.04, True), (0.5, True), (1.3, False), (1.1, None)])
 def test_an_error_is_no_worse_where_it_grows_by_no_more_than_a_share(after, holds):
-    claim = claims.not_worse(0.1, "kept", "paper", {"method": "a"}, {"method": "b"}, joint=("x",))
+    claim = claims.not_worse(
+        0.1, Stated("kept", "paper"), {"method": "a"}, {"method": "b"}, joint=("x",)
+    )
     found = claim.judged(rows({"x": NEAR}, {"x": after * NEAR[::-1]}))
     assert found.holds is holds
     assert ("the other way in" in found.found) == (holds is not True)
@@ -75,7 +81,7 @@ def test_of_many_pairs_those_that_decide_are_told():
     assert "9 pairs" in claim.found
     assert claim.on == "specimen Q"
     both = {"method": "a"}, {"method": "b"}
-    claim = claims.not_worse(0.1, "kept", "paper", *both, joint=tuple(low)).judged(found)
+    claim = claims.not_worse(0.1, Stated("kept", "paper"), *both, joint=tuple(low)).judged(found)
     assert "p8: 1.000 against 10.000" in claim.found
 
 
@@ -112,7 +118,34 @@ def test_ranges_shares_and_scatter_are_told():
     assert against([1.0, 2.0], 3.0) == ""
 
 
+@pytest.mark.parametrize(
+    ("sizes", "verdict"),
+    [
+        ((1.2, 0.8), True),
+        ((1.2, 0.5), "more"),  # smaller than printed is better
+        ((1.2, 1.7), False),
+        ((1.2, 1.5), None),
+        ((1.7, 0.5), False),
+    ],
+)
+def test_errors_are_as_printed_within_a_factor_and_smaller_ones_are_better(sizes, verdict):
+    pairs = [(str(size), size * NEAR, 1.0) for size in sizes]
+    holds, text = matches(pairs)
+    assert holds == verdict
+    assert "the farthest of 2" in text
+    assert f"{sum(1 / 1.5 <= size <= 1.5 for size in sizes)} within a factor 1.5" in text
+    assert matches([("once", [1.0], 1.0)])[0] is None
+
+
+def test_a_claim_says_its_number_its_test_its_level_and_how_often_it_was_tried():
+    claim = claims.ordered(Stated("order", "paper", number="P7"), {"method": "a"}, {"method": "b"})
+    judged = claim.judged(rows({"x": NEAR}, {"x": 2.0 * NEAR}))
+    assert (judged.number, judged.test) == ("P7", "Student's t at 95 %, n = 3")
+
+
 def test_of_several_one_that_fails_decides():
     assert whole(True, True) is True
+    assert whole(True, "more") == "more"
+    assert whole(None, "more") is None
     assert whole(True, None) is None
     assert whole(None, False, True) is False

@@ -112,7 +112,7 @@ def test_the_best_direction_is_found():
         made = (synthetic(own, session, condition=name) for (name, own), session in every)
         return DataFrame(chain.from_iterable(made))
 
-    found = {claim.text: claim.judged(rows()) for claim in training.DIRECTIONS_CLAIMS}
+    found = {claim.stated.text: claim.judged(rows()) for claim in training.DIRECTIONS_CLAIMS}
     best = found["J2-J3 is the best direction over all joints and models"]
     assert best.verdict == "holds"
     assert "J2-J3 13.3 %" in best.found
@@ -128,7 +128,7 @@ def test_six_hours_are_judged_hour_by_hour(drawn):
     result = run_study("endurance", ONE | {"sets": "1", "hours": 2})
     assert result.rows.groupby("case").hour.nunique().tolist() == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
-    assert texts == [claim.text for claim in lasting.ENDURANCE_CLAIMS]
+    assert texts == [claim.stated.text for claim in lasting.ENDURANCE_CLAIMS]
     assert drawn(result)
 
 
@@ -157,7 +157,7 @@ def test_hours_that_grow_are_told():
                         row["rmse"] *= factor if row["joint"] == "shoulder" else 1.0
                     rows += own
         found = lasting.by_training(DataFrame(rows))
-        return {claim.text: claim.judged(found).holds for claim in lasting.ENDURANCE_CLAIMS}
+        return {claim.stated.text: claim.judged(found).holds for claim in lasting.ENDURANCE_CLAIMS}
 
     drift = "joint 1 drifts most: its error grows by the largest factor"
     grown = verdicts(idle=(1, 1), unloaded=(1, 2), loaded=(1, 4))
@@ -264,6 +264,9 @@ def test_fits_and_samples_are_timed():
     slow = result.summary.claims[2]
     assert (slow.verdict, slow.look) == ("does not", "warn")
     assert slow.found.endswith("; better than stated")
+    verdicts = {claim.text: claim.verdict for claim in result.summary.claims}
+    assert verdicts["the network infers in 61 ms"] == "holds more strongly"
+    assert verdicts["the linear model infers in 0.38 ms"] == "holds more strongly"
 
 
 def test_features_are_all_of_the_message(drawn, monkeypatch):

@@ -10,16 +10,9 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
-from truejoint.estimators.family import (
-    ANYTHING,
-    LARGEST,
-    EstimatorData,
-    Family,
-    Params,
-    Rule,
-    evaluate,
-)
+from truejoint.estimators.family import EstimatorData, Family, evaluate
 from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.rules import ANYTHING, LARGEST, Params, Rule
 from truejoint.estimators.stack import run as stack
 
 _ROUNDS: Final = 5  # of weights and what they leave, in turn

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from pandas import DataFrame
@@ -16,7 +16,7 @@ from truejoint.errors import StudyError
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.studies.forceps.motions import changed, record
+from truejoint.studies.forceps.motions import changed, record, tensioned
 from truejoint.studies.study import Rows, Settings
 
 SETTLED: Final = 2.2
@@ -74,7 +74,8 @@ PAPERS: Final = ("lsm", "lsm_compensated", PAPERS_BEST)
 def common_arguments(settings: Settings) -> dict[str, Any]:
     """Specimen, methods and seed, which most parts take."""
     settings.check_names("method", "methods", METHODS)
-    forceps = ForcepsParameters.read(settings["specimen"]).to_dict()
+    plant = ForcepsParameters.read(settings["specimen"])
+    forceps = tensioned(plant, cast("float", settings.options.get("tension", 1.0))).to_dict()
     return {"forceps": forceps, "methods": settings["methods"], "seed": settings.seed}
 
 
@@ -136,13 +137,15 @@ def errors(
     """Estimate minus truth from `first` to `last` [s], a row a method, with the `labels`.
 
     ``rms``, ``largest`` and ``smallest`` are against the reference encoder; ``exact_rms`` is
-    against the jaw itself, so it holds the encoder's own error [rad].
+    against the jaw itself, so it holds the encoder's own error [rad]; ``deviation`` is the error's
+    standard deviation [rad].
     """
     chosen, rows = within(judged["t"], first, last), Rows()
     for key in filter(METHODS.__contains__, judged):
         error, exact = ((judged[key] - judged[name])[chosen] for name in ("truth", "exact"))
         sizes = {"rms": rms(error), "largest": float(error.max())}
         sizes |= {"smallest": float(error.min()), "exact_rms": rms(exact)}
+        sizes["deviation"] = float(error.std())
         rows.append({**labels, "method": key, **sizes})
     return rows
 

@@ -38,6 +38,29 @@ _TRAJECTORIES: Final[Mapping[str, Callable[[], Trajectory]]] = {
 }
 
 
+def tensioned(plant: ForcepsParameters, factor: float) -> ForcepsParameters:
+    """Specimen whose cables are `factor` times as tense: the same ropes, as stiff as that makes.
+
+    A rope's stiffness grows with its tension along one line, of which `Cable` states the slope at
+    the pretension. Raises TruejointError where a specimen cannot be that tense.
+    """
+    values: dict[str, Any] = {"assembly.pretension": factor * plant.assembly.pretension}
+    for name in ("drive_cable", "reset_cable"):
+        cable = getattr(plant, name)
+        growth = 1.0 + cable.stiffening * (factor - 1.0)
+        values[f"{name}.stiffness"] = growth * cable.stiffness
+        values[f"{name}.stiffening"] = factor / growth * cable.stiffening
+    return plant.with_values(values)
+
+
+def trajectory(name: str) -> Trajectory:
+    """Trajectory of a motion; raises TruejointError for a name that is none."""
+    if name not in _TRAJECTORIES:
+        names = ", ".join(_TRAJECTORIES)
+        raise TruejointError(f"no motion {name!r:.60}; choose one of {names}, or a load test")
+    return _TRAJECTORIES[name]()
+
+
 def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
     """Specimens that a study is made on, each with a name and a seed of its own.
 
@@ -104,10 +127,7 @@ def record_forceps(
         mass, angle = motion.mass, math.degrees(motion.angle)
         notes = f"load test: {1e3 * mass:g} g {motion.direction} the motion to {angle:g} deg"
     elif isinstance(motion, str):
-        if motion not in _TRAJECTORIES:
-            names = ", ".join(_TRAJECTORIES)
-            raise TruejointError(f"no motion {motion!r:.60}; choose one of {names}, or a load test")
-        session, path = session or f"{motion} {seed}", _TRAJECTORIES[motion]().positions[:, 0]
+        session, path = session or f"{motion} {seed}", trajectory(motion).positions[:, 0]
     run = simulate_forceps(
         parameters, cast("Any", path), seed=seed, log_rate=log_rate, zero_shift=zero_shift
     )

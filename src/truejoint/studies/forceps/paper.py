@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from pandas import DataFrame, Series
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.studies.claim_tests import RULE, about, against, below, below_all
+from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, load_test, record
+from truejoint.studies.forceps.motions import Plain, load_test, record, trajectory
 from truejoint.studies.rows import frame_table, groups, reported, reported_text, select, unique
-from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.studies.study import (
+    CLAIMS,
+    Part,
+    PartResult,
+    Results,
+    Rows,
+    Settings,
+    Statement,
+    Summary,
+)
 from truejoint.tables import Table, fixed
 
+Judge = Callable[[DataFrame], claims.Verdict]
+
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
+_PRINTED: Final = {"largest": "max", "smallest": "min", "rms": "rms"}
+"""Sizes of errors that the paper prints, by our columns."""
+_MORE: Final = ("amplitude", "farthest", "reversing", "between")
+REVERSAL: Final = 0.5
+"""Time from a reversal within which an error counts as made there [s]."""
 _OURS: Final = (m.PAPERS_BEST, "ukf_friction", m.BEST)
 
 
@@ -42,9 +61,20 @@ def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
     models = m.calibrated(plant, tuple(methods), seed)
     for number, motion in enumerate(_RUNS):
         judged = m.judge(models, m.settled(record(plant, motion, seed=2 * seed + number)))
-        rows += m.errors(judged, motion=motion)
+        turning = near_reversal(motion, judged["t"])
+        for row in m.errors(judged, motion=motion):
+            error = judged[row["method"]] - judged["truth"]
+            where = {"reversing": m.rms(error[turning]), "between": m.rms(error[~turning])}
+            rows.append({**row, **where})
         arrays |= {f"{motion}/{name}": values for name, values in judged.items()}
     return PartResult(rows, arrays)
+
+
+def near_reversal(motion: str, t: Array) -> Mask:
+    """Rows (n,) at times `t` (n,) [s] that are near where a motion reverses."""
+    steps = np.diff(trajectory(motion).positions[:, 0])
+    turns = SETPOINT_DT * np.flatnonzero(steps[1:] * steps[:-1] < 0.0)
+    return np.asarray(np.abs(t[:, None] - turns).min(axis=1) <= REVERSAL)
 
 
 def unloaded_summary(results: Results) -> Summary:
@@ -76,7 +106,7 @@ def unloaded_summary(results: Results) -> Summary:
         "Degrees, on trajectory (28) against the reference encoder at the jaw, from 2.2 s on; "
         "fitted on (27). Of the first draw of the sensors' noise; claims are judged over all "
         f"{settings['draws']}.",
-        RULE,
+        claims.RULE,
         "The last column is against the jaw itself: it holds the encoder's own error, which "
         "every calibrated method learns.",
         *m.note_left_out(settings, verified),
@@ -86,49 +116,69 @@ def unloaded_summary(results: Results) -> Summary:
         title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
     )
     figure = _unloaded_figure(results.arrays["unloaded-0"], name)
-    claims = _unloaded_claims(select(results.rows, motion="verification"))
-    return Summary((table,), {"forceps-unloaded": figure}, [*claims])
+    chosen = (*FILTER_CLAIMS, *(PAPERS_CLAIMS if set(m.PAPERS) <= set(rows.index) else ()))
+    judged = [c.judged(sized(results.rows)) for c in chosen] if m.PAPERS_BEST in rows.index else []
+    return Summary((table,), {"forceps-unloaded": figure}, judged)
 
 
-def _unloaded_claims(verified: DataFrame) -> Iterator[Claim]:
-    """Judge what the paper states of its methods on (28), over the draws."""
-    errors = {
-        str(method): rows[["rms", "largest", "smallest"]].map(np.degrees)
-        for method, rows in groups(verified, "method")
-    }
-    if m.PAPERS_BEST in errors:
-        filtered, there = (
-            errors[m.PAPERS_BEST],
-            reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST),
-        )
-        largest = np.maximum(filtered.largest, -filtered.smallest)
-        for what, values, limit, printed in (
-            ("RMS", filtered.rms, 0.2, there["rms"]),
-            ("largest", largest, 0.5, max(there["max"], -there["min"])),
-        ):
-            text = f"the filter's {what} error on (28) stays below {limit} deg"
-            measured = (
-                f"{values.mean():.3f} deg{against(values, limit)}; in the paper {printed:.2f}"
-            )
-            yield Claim(text, "yan2020, IV-B", below(values, limit), measured)
-    if set(m.PAPERS) <= errors.keys():
-        plain, compensated, best = (errors[method].rms.to_numpy() for method in m.PAPERS)
-        text = "least squares err more than compensated ones, and those more than the filter"
-        measured = f"{plain.mean():.3f}, {compensated.mean():.3f}, {best.mean():.3f} deg RMS"
-        yield Claim(
-            text,
-            "yan2020, Table 2",
-            below_all([(compensated, plain), (best, compensated)]),
-            measured,
-        )
-        saved = 1.0 - best / compensated
-        text = "the filter's RMS error is about 54 % below that of compensated least squares"
-        measured = f"{100 * saved.mean():.0f} % below; 44 to 64 % counts as about"
-        yield Claim(text, "yan2020, IV-C", about(saved, 0.44, 0.64), measured)
-        text = "one sensor, on the reset cable, is enough: its filter beats least squares on both"
-        both = np.minimum(plain, compensated)
-        measured = f"{best.mean():.3f} deg with x2{against(best, both)}; with x1 and x2 "
-        yield Claim(text, "yan2020, IV-C", below(best, both), f"{measured}{both.mean():.3f} deg")
+def sized(rows: DataFrame) -> DataFrame:
+    """Rows of one size of an error each [deg], as claims compare them; a draw is a session."""
+    least, most = -rows.smallest, rows.largest
+    far = np.maximum(most, least)
+    rows = rows.assign(amplitude=most + least, farthest=far, smallest=least)
+    long = rows.melt(["method", "motion", "draw"], [*_PRINTED, *_MORE], "size", "rmse")
+    return long.assign(session=long.draw, rmse=np.degrees(long.rmse))
+
+
+def _sizes(table: str, method: str, run: str = "verification") -> Judge:
+    """Judge whether a method's largest, least and RMS errors are those that a table prints."""
+
+    def judge(rows: DataFrame) -> claims.Verdict:
+        there = reported("yan2020", table, f"trajectory {_RUNS[run][1:-1]}", method)
+        pairs = []
+        for size, key in _PRINTED.items():
+            own = claims.by_session(rows, method=method, motion=run, size=size)
+            pairs.append((f"|{key}|", own, abs(there[key])))
+        return claims.matches(pairs)
+
+    return judge
+
+
+def _saving(size: str, printed: float) -> Judge:
+    """Judge whether the filter's error is below that of compensated least squares by so much."""
+
+    def judge(rows: DataFrame) -> claims.Verdict:
+        pick = {"method": m.PAPERS_BEST}, {"method": m.PAPERS[1]}
+        saved = 1.0 - claims.errors(rows, pick, size=size, motion="verification")
+        text = f"{100 * saved.mean():.0f} % below; 10 % more or less counts as about"
+        return claims.about(saved, printed - 0.1, printed + 0.1), text
+
+    return judge
+
+
+def _next(rows: DataFrame, method: str, **where: Any) -> Array:
+    """Errors of the method that the paper finds next better."""
+    return claims.by_session(rows, method=m.PAPERS[m.PAPERS.index(method) + 1], **where)
+
+
+_FILTERS: Final[dict[str, Any]] = {"method": (m.PAPERS_BEST,), "motion": ("verification",)}
+_OTHERS: Final = {**_FILTERS, "method": m.PAPERS[:2], "size": ("rms",)}
+FILTER_CLAIMS: Final = (
+    Statement(CLAIMS["27-sizes"], _sizes("figure 6", m.PAPERS_BEST, "calibration")),
+    Statement(CLAIMS["28-sizes"], _sizes("2", m.PAPERS_BEST)),
+    claims.ordered(CLAIMS["28-above-27"], {"motion": "calibration"}, {}, **_FILTERS, size=("rms",)),
+    claims.ordered(CLAIMS["28-rms"], {}, claims.limit(0.2), **_FILTERS, size=("rms",)),
+    claims.ordered(CLAIMS["28-largest"], {}, claims.limit(0.5), **_FILTERS, size=("farthest",)),
+    claims.ordered(CLAIMS["reversals"], {"size": "between"}, {"size": "reversing"}, **_FILTERS),
+)
+PAPERS_CLAIMS: Final = (
+    Statement(CLAIMS["lsm-sizes"], _sizes("2", m.PAPERS[0])),
+    Statement(CLAIMS["compensated-sizes"], _sizes("2", m.PAPERS[1])),
+    claims.ordered(CLAIMS["order"], _next, {}, **_OTHERS),
+    Statement(CLAIMS["49-percent"], _saving("amplitude", 0.49)),
+    Statement(CLAIMS["54-percent"], _saving("rms", 0.54)),
+    claims.ordered(CLAIMS["one-sensor"], {"method": m.PAPERS_BEST}, {}, **_OTHERS),
+)
 
 
 def _unloaded_figure(arrays: Mapping[str, Array], name: str) -> Figure:
@@ -154,8 +204,10 @@ def _unloaded_figure(arrays: Mapping[str, Array], name: str) -> Figure:
 
 MAX_DRAWS: Final = 1000
 JUDGED: Final = ("I", "II", "IV")
+_HAND: Final = "III"  # the weight is being hung on
 SHIFT: Final = 8.0
 """Between the weights' curves in figure 9(a) [deg]."""
+_LIGHT: Final = 0.05  # [kg]
 _AVERAGE: Final = 0.25  # [s]
 
 
@@ -196,7 +248,7 @@ def hang(
     t, exact = judged["t"], judged["exact"]
     still = [exact[m.within(t, *test.phases[phase])].mean() for phase in ("II", "IV")]
     turn, rows = float(still[1] - still[0]), Rows()
-    for phase in JUDGED:
+    for phase in (*JUDGED, _HAND):
         rows += m.errors(judged, *test.phases[phase], phase=phase, turn=turn)
     return PartResult(rows, {**judged, "released": np.array(test.phases["III"])})
 
@@ -208,6 +260,8 @@ def loaded_summary(results: Results) -> Summary:
     rows = rows.assign(
         load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction,
         name=rows.method.map(m.TITLES),
+        session=rows.draw,
+        rmse=np.degrees(rows.rms),
     )
     loads = rows.groupby("load", sort=False)
 
@@ -241,7 +295,7 @@ def loaded_summary(results: Results) -> Summary:
         f"loaded; {draws} draws of the hand that hangs the weight and of the sensors' noise. The "
         "paper's numbers are of its filter; which way it loaded it does not say.",
         *m.note_left_out(settings, rows),
-        RULE,
+        claims.RULE,
     )
     name = f"yan2020 Table 3, specimen {specimen}"
     tables = (
@@ -258,42 +312,68 @@ def loaded_summary(results: Results) -> Summary:
             paper=paper(["I"], "max", "min"),
         ),
     )  # fmt: skip
-    claims = list(_loaded_claims(rows)) if m.PAPERS_BEST in methods else []
-    return Summary(tables, _loaded_figures(results, methods, specimen), claims)
+    chosen = (*LOADED_CLAIMS, *(LIGHT if (rows.mass < _LIGHT).any() else ()))
+    judged = [c.judged(rows) for c in chosen] if m.PAPERS_BEST in methods else []
+    return Summary(tables, _loaded_figures(results, methods, specimen), judged)
 
 
 def _printed(condition: str, metric: str) -> str:
     return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
 
 
-def _loaded_claims(rows: DataFrame) -> Iterator[Claim]:
-    """Judge the largest angle of each direction, over the draws.
+def _within(phase: str, limit: float, lightest: float = math.inf) -> Judge:
+    """Judge whether the filter's error in a phase, or the jaw's turn, stays below a limit [deg].
 
-    The paper does not say which way it loaded: where one direction differs, it cannot be told.
+    The largest of the weights below one [kg], in each direction: the paper does not say which way
+    it loaded, so where one direction differs, it cannot be told.
     """
-    limits: list[tuple[str, str, float, DataFrame]] = [
-        (
-            f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight",
-            "yan2020, IV-D and Table 3",
-            limit,
-            select(rows, method=m.PAPERS_BEST, phase=phase).assign(angle=lambda own: own.rms),
-        )
-        for phase, limit in (("I", 0.2), ("II", 0.2), ("IV", 0.5))
-    ]
-    light = rows[rows.mass < 0.05]
-    if len(light):
-        text = "a weight below 50 g hardly turns the jaw: less than 0.5 deg"
-        limits.append((text, "yan2020, IV-D", 0.5, light.assign(angle=light.turn.abs())))
-    for text, source, limit, judged in limits:
-        worst = {
-            way: np.degrees(own.groupby("draw").angle.max())
-            for way, own in groups(judged, "direction")
-        }
+
+    def judge(rows: DataFrame) -> claims.Verdict:
+        rows = rows[rows.mass < lightest]
+        angle = select(rows, phase=phase or "IV", method=m.PAPERS_BEST)
+        angle = angle.assign(angle=np.degrees(angle.rms if phase else angle.turn.abs()))
+        worst = {way: own.groupby("draw").angle.max() for way, own in groups(angle, "direction")}
         numbers = ", ".join(
-            f"{angles.max():.2f} deg {way}{against(angles, limit)}" for way, angles in worst.items()
+            f"{angles.max():.2f} deg {way}{claims.against(angles, limit)}"
+            for way, angles in worst.items()
         )
-        within = {below(angles, limit) for angles in worst.values()}
-        yield Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
+        within = {claims.below(angles, limit) for angles in worst.values()}
+        return within.pop() if len(within) == 1 else None, f"worst {numbers}"
+
+    return judge
+
+
+def _while_hung(rows: DataFrame) -> claims.Verdict:
+    """Whether the error's standard deviation is larger in phase III than in every other one."""
+    rows = rows.assign(rmse=np.degrees(rows.deviation))
+    each = {"load": unique(rows, "load"), "phase": JUDGED, "method": (m.PAPERS_BEST,)}
+    return claims.ordered(CLAIMS["phase-3"], {}, {"phase": _HAND}, **each).judge(rows)
+
+
+def _as_table_3(rows: DataFrame) -> claims.Verdict:
+    """Whether errors are those of Table 3, of the direction in which they come nearer."""
+    found = []
+    for way, own in groups(rows, "direction"):
+        pairs = []
+        for mass, phase in product(unique(own, "mass"), JUDGED):
+            load = f"{1e3 * mass:.0f}g phase {phase}"
+            there = reported("yan2020", "3", f"load={load}", m.PAPERS_BEST)
+            sizes = claims.by_session(own, method=m.PAPERS_BEST, mass=mass, phase=phase)
+            pairs += [(f"{load}, {way}", sizes, there["rms"])] if there else []
+        found += [claims.matches(pairs)] if pairs else []
+    order = (True, "more", None, False)
+    return min(found, key=lambda one: order.index(one[0]), default=(None, "no such weight"))
+
+
+LOADED_CLAIMS: Final = (
+    Statement(CLAIMS["table-3"], _as_table_3),
+    Statement(CLAIMS["phase-1"], _within("I", 0.2)),
+    Statement(CLAIMS["phase-2"], _within("II", 0.2)),
+    Statement(CLAIMS["phase-3"], _while_hung),
+    Statement(CLAIMS["phase-4"], _within("IV", 0.5)),
+)
+LIGHT: Final = (Statement(CLAIMS["light"], _within("", 0.5, _LIGHT)),)
+"""Of weights below 50 g."""
 
 
 def _loaded_figures(results: Results, methods: Sequence[str], name: str) -> dict[str, Figure]:

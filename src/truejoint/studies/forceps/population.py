@@ -18,14 +18,14 @@ from truejoint.estimators.plays.learn import JawPlays
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.forceps.specimens import population
+from truejoint.simulation.forceps.specimens import PRIORS, population
 from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.claim_tests import mostly
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.methods import settled
-from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals
+from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals, tensioned
 from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select, unique
-from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summary
 
 ORDERINGS: Final = (
     m.PAPERS,
@@ -139,15 +139,17 @@ def population_summary(results: Results) -> Summary:
         *(_within(unloaded, loaded) if len(loaded) and m.BEST in rms else ()),
         *m.note_left_out(settings, rows),
     )
+    count = len(rms)
     claims = [
-        Claim(
-            f"error of {_titles(order)}, in most specimens", "yan2020, Table 2",
-            mostly(round(value * len(rms)), len(rms)),
-            f"so in {100 * value:.0f} % of {len(rms)} drawn; told by the exact 95 % interval",
+        CLAIMS["order-population"].claim(
+            mostly(round(value * count), count),
+            f"in {100 * value:.0f} % of {count} drawn",
+            "",
+            count,
         )
         for order, value in shares.items()
-        if set(order) <= set(m.PAPERS) and not len(loaded)
-    ]  # fmt: skip
+        if order == m.PAPERS and not len(loaded)
+    ]
     title = "Population of virtual forceps"
     name = "forceps-mixed" if len(loaded) else "forceps-population"
     caption = "Share of specimens, and of weights on specimens, with a smaller error, by method."
@@ -175,6 +177,51 @@ def _titles(order: Sequence[str]) -> str:
     return " > ".join(m.TITLES[key] for key in order)
 
 
+def tension_parts(settings: Settings) -> Sequence[Part]:
+    """One a friction law, specimen and tension of its cables, with nothing else changed."""
+    settings.check_names("prior", "priors", PRIORS)
+    settings.check_names("method", "methods", m.METHODS)
+    loads = list(product(settings["masses_g"], settings["directions"]))
+    common = {"methods": settings["methods"], "motion": "calibration", "homing_deviation": 0.0}
+    return [
+        Part(
+            f"{prior}-{n:05d}-{factor:g}", judge,
+            {"forceps": tensioned(p, factor).to_dict(), "number": n, "loads": loads, **common},
+            {"prior": prior, "specimen": f"{prior} {n}", "tension": factor},
+        )
+        for prior in settings["priors"]
+        for n, p in enumerate(population(settings["count"], settings.seed, prior))
+        for factor in settings["tensions"]
+    ]  # fmt: skip
+
+
+def tension_summary(results: Results) -> Summary:
+    """Errors of every method by the cables' tension, and whether more of it helps the filter."""
+    settings, rows = results.settings, results.rows
+    case = np.where(rows.load == UNLOADED, "unloaded, ", "IV, ") + rows.prior
+    case = rows.tension.map("{:g} of the tension, ".format) + case
+    rows = rows.assign(deg=np.degrees(rows.rms), name=rows.method.map(m.TITLES), case=case)
+    table = rows.pivot_table("deg", "case", "name", "median", sort=False).map("{:.3f}".format)
+    grams = ", ".join(f"{mass:g}" for mass in settings["masses_g"])
+    notes = (
+        f"Median RMS error in degrees against the reference encoder, {settings['count']} specimens "
+        f"of each law, unloaded on (28) and hung still (IV) under {grams} g.",
+    )
+    made = (frame_table("Tension of the cables", table, notes, head="cables"),)
+    hung = select(rows[rows.load != UNLOADED], method=m.PAPERS_BEST)
+    errors = hung.pivot_table("deg", "specimen", "tension")
+    if errors.shape[1] < 2:
+        return Summary(made)
+    count, means = len(errors), errors.mean()
+    better = int((errors.iloc[:, -1] < errors.iloc[:, 0]).sum())
+    found = (
+        f"in {better} of {count} specimens of {', '.join(settings['priors'])}; mean in phase IV "
+        f"{means.iloc[0]:.2f} deg at {means.index[0]:g} of the tension, {means.iloc[-1]:.2f} at "
+        f"{means.index[-1]:g}"
+    )
+    return Summary(made, claims=(CLAIMS["tension"].claim(mostly(better, count), found, "", count),))
+
+
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
     "motor": (MOTOR,),
     "x1": (DRIVE,),
@@ -192,6 +239,7 @@ _FRICTIONS: Final = (
 _WEIGHT: Final[dict[str, Any]] = {
     "speed": math.radians(10.0), "start": 1.0, "loaded_from": 5.0, "loaded_to": 7.0, "end": 10.5,
 }  # fmt: skip
+_DESIGNS: Final = ("stiffnesses_kNm", "frictions", "tensions")
 _LOADS: Final = ["unloaded", "loaded"]
 
 
@@ -216,18 +264,20 @@ def sweep_parts(settings: Settings) -> Sequence[Part]:
     plants = population(settings["count"], settings.seed, settings["prior"])
     return [
         Part(
-            f"specimen-{n:03d}-{k:g}-{f:g}", measure,
-            {"forceps": designed(plant, 1e3 * k, f).to_dict(), "number": n, **common},
-            {"specimen": n, "stiffness": 1e3 * k, "friction": f},
+            f"specimen-{n:03d}-{k:g}-{f:g}-{t:g}", measure,
+            {"forceps": designed(plant, 1e3 * k, f, t).to_dict(), "number": n, **common},
+            {"specimen": n, "stiffness": 1e3 * k, "friction": f, "tension": t},
         )
-        for (n, plant), k, f in product(
-            enumerate(plants), settings["stiffnesses_kNm"], settings["frictions"]
+        for (n, plant), k, f, t in product(
+            enumerate(plants), *(settings[name] for name in _DESIGNS)
         )
     ]  # fmt: skip
 
 
-def designed(plant: ForcepsParameters, stiffness: float, friction: float) -> ForcepsParameters:
-    """Specimen with cables of a `stiffness` [N/m] and a multiple of its `friction`.
+def designed(
+    plant: ForcepsParameters, stiffness: float, friction: float, tension: float = 1.0
+) -> ForcepsParameters:
+    """Specimen with cables of a `stiffness` [N/m] and multiples of its `friction` and `tension`.
 
     Its encoders are nearly exact; `sensed` makes them coarser.
     """
@@ -240,7 +290,7 @@ def designed(plant: ForcepsParameters, stiffness: float, friction: float) -> For
             f"{side}_encoder.resolution": 1e-9,
             f"{side}_encoder.noise": 0.0,
         }
-    return plant.with_values(values)
+    return tensioned(plant.with_values(values), tension)
 
 
 def sensed(recording: Recording, resolution: float, zero: ZeroShift, seed: int) -> Recording:

@@ -18,7 +18,7 @@ from truejoint.studies.raven2 import tables
 from truejoint.studies.raven2.sessions import IDLE, LOADED, UNLOADED, WORKS
 from truejoint.studies.raven2.training import by_length
 from truejoint.studies.rows import select, unique
-from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
 
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
 _DRAWN: Final = {
@@ -119,6 +119,12 @@ def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Fi
     return Figure(f"peng2024 figure 7, specimen {title}", panels, caption, height=8.0, legend=True)
 
 
+def _as_table_3(rows: DataFrame) -> claims.Verdict:
+    hours = select(rows, training=LONGEST, work=UNLOADED, when=("first", "last"))
+    hours = hours.assign(condition=hours.hour.map("hour {}".format))
+    return tables.as_printed(partial(_printed, UNLOADED), s.TWO)(hours)
+
+
 def _length_gain(rows: DataFrame) -> claims.Verdict:
     """Whether long trainings are better by a fifth, geometric mean over joints and all works."""
     texts, pairs = [], []
@@ -143,48 +149,37 @@ _WORKED: Final = (UNLOADED, LOADED)
 _SHOULDER, _OTHERS, _OF_SHOULDER = s.JOINTS[:1], s.JOINTS[1:], {"joint": s.JOINTS[0]}
 _NETWORK, _LINEAR = ({"method": method} for method in s.TWO)
 ENDURANCE_CLAIMS: Final = (
+    Statement(CLAIMS["table-3-hours"], _as_table_3),
     claims.not_worse(
-        0.15, "idle for six hours, network, linear model and fixed offset hardly get worse",
-        "peng2024, II-G", _FIRST, _LAST, work=(IDLE,), method=(*s.TWO, "offset"), joint=s.JOINTS,
+        0.15, CLAIMS["idle"],
+        _FIRST, _LAST, work=(IDLE,), method=(*s.TWO, "offset"), joint=s.JOINTS,
     ),
+    claims.ordered(CLAIMS["work-1"], _FIRST, _LAST, work=_WORKED, method=s.TWO, joint=_SHOULDER),
     claims.ordered(
-        "joint 1: network and linear model are worse after hours of work, without and with a load",
-        "peng2024, II-G", _FIRST, _LAST, work=_WORKED, method=s.TWO, joint=_SHOULDER,
-    ),
-    claims.ordered(
-        "joint 1 drifts most: its error grows by the largest factor", "peng2024, III",
-        (_LAST, _FIRST), (_LAST | _OF_SHOULDER, _FIRST | _OF_SHOULDER),
+        CLAIMS["drift-1"], (_LAST, _FIRST), (_LAST | _OF_SHOULDER, _FIRST | _OF_SHOULDER),
         work=_WORKED, method=s.TWO, joint=_OTHERS,
     ),
     claims.ordered(
-        "joint 1: a load makes it worse", "peng2024, II-G",
+        CLAIMS["load-1"],
         _LAST | {"work": UNLOADED}, _LAST | {"work": LOADED}, method=s.CORRECTED, joint=_SHOULDER,
     ),
     claims.ordered(
-        "joint 1: the fixed offset too gets worse with work",
-        "peng2024, II-G and III", _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_SHOULDER,
+        CLAIMS["offset-1"], _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_SHOULDER,
     ),
     claims.not_worse(
-        0.1, "joints 2 and 3: the fixed offset does not get worse with work",
-        "peng2024, II-G and III", _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_OTHERS,
+        0.1, CLAIMS["offset-2-3"], _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_OTHERS,
     ),
-    Statement(
-        "trainings above 800 s leave a fifth less error than those below 500 s",
-        "peng2024, II-G", _length_gain,
-    ),
+    Statement(CLAIMS["long-trainings"], _length_gain),
     claims.ordered(
-        "the polynomial is worse than the fixed offset in joints 2 and 3, even idle",
-        "peng2024, II-G and Table II",
+        CLAIMS["polynomial-fails"],
         _LONG | {"method": "offset"}, _LONG | {"method": "poly2"}, work=WORKS, joint=_OTHERS,
-        flaw=True,
     ),
     claims.ordered(
-        "under the load, the network errs less than the linear model",
-        "peng2024, III", _LONG | _NETWORK, _LONG | _LINEAR, work=(LOADED,), joint=s.JOINTS,
+        CLAIMS["loaded-network"], _LONG | _NETWORK, _LONG | _LINEAR, work=(LOADED,), joint=s.JOINTS,
     ),
     claims.ordered(
-        "on the three shortest trainings, the network errs less than the linear model",
-        "peng2024, III", _SHORT | _NETWORK, _SHORT | _LINEAR, work=_WORKED, joint=s.JOINTS,
+        CLAIMS["shortest-network"],
+        _SHORT | _NETWORK, _SHORT | _LINEAR, work=_WORKED, joint=s.JOINTS,
     ),
 )  # fmt: skip
 
@@ -253,17 +248,15 @@ def homing_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
 _BEFORE, _AFTER = {"homings": 0}, {"homed_since": True}
 HOMING_CLAIMS: Final = (
     claims.ordered(
-        "joint 2: with no homing seen, a homing makes network and linear model worse",
-        "peng2024, II-I", _BEFORE, _AFTER, method=s.TWO, seen=("none seen",), joint=("elbow",),
+        CLAIMS["homing-2"], _BEFORE, _AFTER, method=s.TWO, seen=("none seen",), joint=("elbow",),
     ),
     claims.ordered(
-        "joint 2: one homing seen in training helps after the next ones", "peng2024, II-I",
+        CLAIMS["homing-seen-2"],
         _AFTER | {"case": ONE}, _AFTER | {"case": NONE}, method=s.TWO, joint=("elbow",),
     ),
     *(
         claims.not_worse(
-            0.2, f"joint {number}: a homing costs nothing, whether one was seen or not",
-            "peng2024, II-I", _BEFORE, _AFTER,
+            0.2, CLAIMS[f"homing-{number}"], _BEFORE, _AFTER,
             method=s.TWO, seen=("none seen", "one seen"), joint=(joint,),
         )
         for number, joint in ((1, "shoulder"), (3, "insertion"))

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import wraps
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
 from pandas import DataFrame
 
 from truejoint.drawing import Figure, Panel, box_plot
+from truejoint.studies.claim_tests import by_session, matches
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
 from truejoint.studies.rows import frame_table, groups, mean_text, reported, select, unique
-from truejoint.studies.study import Results, Summary
+from truejoint.studies.study import Holds, Results, Summary
 from truejoint.tables import DASH, Table, fixed
 
 Paper = Callable[[str, str, str], float | None]
@@ -31,6 +33,21 @@ def printed(table: str, form: str) -> Paper:
     return lambda condition, joint, method: reported(
         "peng2024", table, form.format(condition), method, f"joint{JOINTS.index(joint) + 1}"
     ).get("rmse")
+
+
+def as_printed(paper: Paper, methods: Sequence[str]) -> Callable[[DataFrame], tuple[Holds, str]]:
+    """Judge whether errors of some methods are those that the paper prints, in every cell."""
+
+    def judge(rows: DataFrame) -> tuple[Holds, str]:
+        pairs = []
+        for key in product(unique(rows, "condition"), JOINTS, methods):
+            there = paper(*key)
+            if there is not None:
+                own = by_session(rows, **dict(zip((*_CELL, "method"), key, strict=True)))
+                pairs.append((", ".join(key), own, there))
+        return matches(pairs)
+
+    return judge
 
 
 def readable(rows: DataFrame) -> DataFrame:

@@ -20,7 +20,7 @@ from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
 from truejoint.studies.rows import select
-from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
 
 FITTED_TO: Final = ("J1", "J2-J3")
 """Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
@@ -126,34 +126,30 @@ def _percents(shares: Array) -> str:
 _NETWORK, _LINEAR, _OFFSET = ({"method": method} for method in (*s.TWO, "offset"))
 _TABLE: Final = "peng2024, Table I"
 _ON_BEST: Final = {"condition": s.BEST}
+_ROWS: Final = ("network", "polynomial", "linear", "offset", "raw")
 DIRECTIONS_CLAIMS: Final = (
-    Statement(
-        "J2-J3 is the best direction over all joints and models", "peng2024, II-E", _best_overall
-    ),
-    Statement(
-        "joint 1: the network and the linear model are best on J2-J3, the polynomial on J1-J3",
-        _TABLE,
-        _best_of_joint(0, "J2-J3", "J1-J3", "J2-J3"),
-    ),
-    Statement(
-        "joint 2: the network is best on J2-J3, polynomial and linear model on J1-J2-J3",
-        _TABLE,
-        _best_of_joint(1, "J2-J3", "J1-J2-J3", "J1-J2-J3"),
-    ),
-    Statement("joint 3: all models are best on J3", _TABLE, _best_of_joint(2, "J3", "J3", "J3")),
+    Statement(CLAIMS["best-direction"], _best_overall),
+    Statement(CLAIMS["best-joint-1"], _best_of_joint(0, "J2-J3", "J1-J3", "J2-J3")),
+    Statement(CLAIMS["best-joint-2"], _best_of_joint(1, "J2-J3", "J1-J2-J3", "J1-J2-J3")),
+    Statement(CLAIMS["best-joint-3"], _best_of_joint(2, "J3", "J3", "J3")),
     claims.ordered(
-        "trained on J2-J3, the network errs least in every joint",
-        _TABLE, _ON_BEST | _NETWORK, _ON_BEST, joint=s.JOINTS, method=("poly2", "linear"),
+        CLAIMS["network-least"],
+        _ON_BEST | _NETWORK, _ON_BEST, joint=s.JOINTS, method=("poly2", "linear"),
     ),
-    Statement(
-        "trained on J2-J3, the network leaves at most a quarter of the fixed offset's error",
-        _TABLE,
-        _removed,
+    Statement(CLAIMS["a-quarter"], _removed),
+    Statement(CLAIMS["offset-of-raw"], _offset_of_raw),
+    *(
+        Statement(CLAIMS[f"table-1-{name}"], tables.as_printed(_printed, (method,)))
+        for name, method in zip(_ROWS, s.METHODS, strict=True)
     ),
-    Statement(
-        "a fixed offset removes more than half of the raw error in every joint",
-        "peng2024, II-E",
-        _offset_of_raw,
+    claims.ordered(
+        CLAIMS["fresh-1-2"], _ON_BEST | {"joint": s.JOINTS[0]}, _ON_BEST | {"joint": s.JOINTS[1]},
+        method=s.TWO,
+    ),
+    claims.ordered(
+        CLAIMS["gain-3"], (_ON_BEST, _ON_BEST | _OFFSET),
+        (_ON_BEST | {"joint": s.JOINTS[2]}, _ON_BEST | _OFFSET | {"joint": s.JOINTS[2]}),
+        method=s.TWO, joint=s.JOINTS[:2],
     ),
 )  # fmt: skip
 
@@ -207,38 +203,32 @@ def _spread(rows: DataFrame) -> claims.Verdict:
     return claims.whole(*verdicts), f"standard deviations: {text}"
 
 
+def _minutes(rows: DataFrame) -> claims.Verdict:
+    """Whether the shortest and the longest take 4 to 17 minutes, to half a minute."""
+    least, most = (rows.groupby("session").seconds.agg(how) / 60.0 for how in ("min", "max"))
+    holds = claims.below_all([(3.5, least), (least, 4.5), (16.5, most), (most, 17.5)])
+    return holds, f"{least.mean():.1f} to {most.mean():.1f} minutes; half a minute off counts as so"
+
+
 _SHORTEST, _LONGEST = {"when": "first"}, {"when": "last"}
 _SHOULDER, _ELBOW, _INSERTION = ((joint,) for joint in s.JOINTS)
 SPARSITY_CLAIMS: Final = (
+    Statement(CLAIMS["minutes"], _minutes),
+    claims.ordered(CLAIMS["longer-1"], _LONGEST, _SHORTEST, method=s.MODELS, joint=_SHOULDER),
+    claims.ordered(CLAIMS["longer-2"], _LONGEST, _SHORTEST, method=s.TWO, joint=_ELBOW),
+    claims.ordered(CLAIMS["longer-3"], _LONGEST, _SHORTEST, method=s.TWO, joint=_INSERTION),
     claims.ordered(
-        "joint 1: the longest calibration is better than the shortest, for every model",
-        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.MODELS, joint=_SHOULDER,
+        CLAIMS["shortest-beats-offset"],
+        _SHORTEST, _SHORTEST | _OFFSET, method=s.TWO, joint=_SHOULDER,
     ),
     claims.ordered(
-        "joint 2: network and linear model are better after more than 800 s",
-        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.TWO, joint=_ELBOW,
-    ),
-    claims.ordered(
-        "joint 3: network and linear model are better after more time",
-        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.TWO, joint=_INSERTION,
-    ),
-    claims.ordered(
-        "joint 1: on the shortest, network and linear model already beat the fixed offset",
-        "peng2024, II-F", _SHORTEST, _SHORTEST | _OFFSET, method=s.TWO, joint=_SHOULDER,
-    ),
-    claims.ordered(
-        "the network needs less data: on the shortest it errs less than the linear model",
-        "peng2024, III and Table V",
-        _SHORTEST | _NETWORK, _SHORTEST | _LINEAR, joint=s.JOINTS,
+        CLAIMS["data-hunger"], _SHORTEST | _NETWORK, _SHORTEST | _LINEAR, joint=s.JOINTS,
     ),
     claims.not_worse(
-        0.05, "joint 1: the fixed offset gains nothing by more time",
-        "peng2024, II-F", _LONGEST, _SHORTEST, method=("offset",), joint=_SHOULDER,
+        0.05, CLAIMS["offset-gains-nothing"],
+        _LONGEST, _SHORTEST, method=("offset",), joint=_SHOULDER,
     ),
-    Statement(
-        "on the shortest, the polynomial scatters more than the others in joints 1 and 2",
-        "peng2024, II-F", _spread, flaw=True,
-    ),
+    Statement(CLAIMS["polynomial-scatters"], _spread),
 )  # fmt: skip
 
 
@@ -256,10 +246,9 @@ def targets_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     """Table II beside the paper's."""
     hours = results.settings["hours"]
     notes = (f"Mean over {hours} hours of unloaded work and all trainings.", claims.RULE)
-    table = tables.accuracy_table(
-        f"peng2024 Table II, specimen {title}", rows.assign(condition=rows.target), s.MODELS,
-        tables.printed("II", "target={}"), notes,
-    )  # fmt: skip
+    rows = rows.assign(condition=rows.target)
+    name = f"peng2024 Table II, specimen {title}"
+    table = tables.accuracy_table(name, rows, s.MODELS, _TABLE_2, notes)
     return Summary((table,), claims=[claim.judged(rows, title) for claim in TARGETS_CLAIMS])
 
 
@@ -270,23 +259,17 @@ def _difference(rows: DataFrame, **where: Any) -> Array:
 
 
 _ERROR, _POSITION = ({"target": target} for target in TARGETS)
+_TABLE_2: Final = tables.printed("II", "target={}")
 TARGETS_CLAIMS: Final = (
-    claims.ordered(
-        "the network errs less in every joint when it predicts the error",
-        "peng2024, Table II", _ERROR, _POSITION, method=("dnn",), joint=s.JOINTS,
-    ),
+    Statement(CLAIMS["table-2"], tables.as_printed(_TABLE_2, s.TWO)),
+    claims.ordered(CLAIMS["target-network"], _ERROR, _POSITION, method=("dnn",), joint=s.JOINTS),
     claims.not_worse(
-        1e-3, "linear and polynomial model are the same either way",
-        "peng2024, Table II", _ERROR, _difference, method=("linear", "poly2"), joint=s.JOINTS,
+        1e-3, CLAIMS["target-same"],
+        _ERROR, _difference, method=("linear", "poly2"), joint=s.JOINTS,
     ),
+    claims.ordered(CLAIMS["end-to-end"], _POSITION | _LINEAR, _POSITION | _NETWORK, joint=s.JOINTS),
     claims.ordered(
-        "end to end, the network is worse than the linear model in every joint",
-        "peng2024, Table II",
-        _POSITION | _LINEAR, _POSITION | _NETWORK, joint=s.JOINTS,
-    ),
-    claims.ordered(
-        "over the hours, the polynomial errs most",
-        "peng2024, Table II",
+        CLAIMS["polynomial-most"],
         _ERROR, _ERROR | {"method": "poly2"}, joint=s.JOINTS, method=s.TWO,
     ),
 )  # fmt: skip
@@ -396,47 +379,32 @@ def _without(*kinds: str) -> claims.Pick:
 _OF_ALL, _OF_SELECTED = {"kind": ALL}, {"kind": SELECTED}
 _OF_WIDE: Final = {"method": WIDE}
 FEATURES_CLAIMS: Final = (
+    claims.ordered(CLAIMS["all-network"], _OF_SELECTED, _OF_ALL, method=("dnn",), joint=s.JOINTS),
+    claims.ordered(CLAIMS["all-linear"], _OF_SELECTED, _OF_ALL, method=("linear",), joint=s.JOINTS),
     claims.ordered(
-        "all features make the network worse in every joint",
-        "peng2024, II-H", _OF_SELECTED, _OF_ALL, method=("dnn",), joint=s.JOINTS, flaw=True,
-    ),
-    claims.ordered(
-        "all features make the linear model worse in every joint",
-        "peng2024, II-H", _OF_SELECTED, _OF_ALL, method=("linear",), joint=s.JOINTS, flaw=True,
-    ),
-    claims.ordered(
-        "all features hurt the linear model most", "peng2024, II-H and Table V",
+        CLAIMS["all-hurt-linear-most"],
         (_OF_ALL | _NETWORK, _OF_SELECTED | _NETWORK), (_OF_ALL | _LINEAR, _OF_SELECTED | _LINEAR),
         joint=s.JOINTS,
     ),
     claims.ordered(
-        "with all features the linear model is no better than the fixed offset", "peng2024, II-H",
-        _OF_ALL | _OFFSET, _OF_ALL | _LINEAR, joint=s.JOINTS, flaw=True,
+        CLAIMS["all-linear-offset"], _OF_ALL | _OFFSET, _OF_ALL | _LINEAR, joint=s.JOINTS,
     ),
     claims.not_worse(
-        0.05,
-        "joint positions and motor torques are enough: the network loses nothing without the rest",
-        "peng2024, II-C", _OF_ALL, _OF_SELECTED, method=("dnn",), joint=s.JOINTS,
+        0.05, CLAIMS["selected-enough"], _OF_ALL, _OF_SELECTED, method=("dnn",), joint=s.JOINTS,
     ),
     claims.ordered(
-        "joint 3 is the one in which torques matter more than positions", "peng2024, III",
-        _without(NO_TORQUES, NO_TORQUES, NO_POSITIONS),
+        CLAIMS["torques-3"], _without(NO_TORQUES, NO_TORQUES, NO_POSITIONS),
         _without(NO_POSITIONS, NO_POSITIONS, NO_TORQUES), joint=s.JOINTS,
     ),
 )  # fmt: skip
 CAUSE: Final = claims.not_worse(
     0.1,
-    "without time and sequence number, all features do the linear model no harm in joints 2 and 3",
-    "ours", _OF_SELECTED, {"kind": TIMELESS}, method=("linear",), joint=s.JOINTS[1:],
+    CLAIMS["timeless"], _OF_SELECTED, {"kind": TIMELESS}, method=("linear",), joint=s.JOINTS[1:],
 )  # fmt: skip
 """Why all features hurt: a fit of minutes is followed for hours along what grows all the time."""
 OF_WIDE: Final = (
+    claims.ordered(CLAIMS["wide-all"], _OF_ALL | _OF_WIDE, _OF_ALL | _NETWORK, joint=s.JOINTS),
     claims.ordered(
-        "with all features the larger network is better than the small one",
-        "peng2024, II-H", _OF_ALL | _OF_WIDE, _OF_ALL | _NETWORK, joint=s.JOINTS,
-    ),
-    claims.ordered(
-        "yet the larger network is not as good as the small one on the selected features",
-        "peng2024, II-H", _OF_SELECTED | _NETWORK, _OF_ALL | _OF_WIDE, joint=s.JOINTS,
+        CLAIMS["wide-selected"], _OF_SELECTED | _NETWORK, _OF_ALL | _OF_WIDE, joint=s.JOINTS,
     ),
 )  # fmt: skip

@@ -26,7 +26,7 @@ from truejoint.evaluation.scoring import rmse
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.studies.rows import frame_table, mean_text, reported, select, unique
-from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import CLAIMS, Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import DASH, decimals_for
 from truejoint.units import display_unit
 
@@ -155,13 +155,11 @@ def _claims(rows: DataFrame) -> list[Claim]:
         errors = select(rows, joint=joint).groupby("method", sort=False).mean(numeric_only=True)
         best = errors.nsmallest(1, "rmse")
         value, least, most = best[["rmse", "least", "most"]].to_numpy()[0].tolist()
-        text = f"joint {number}: a model of the arm's history reaches {there:g} deg or mm"
         found = (
             f"{best.index[0]} {value:.3f} ({least:.3f} to {most:.3f} at 95 % over stretches), the "
             f"best of {len(errors)} on the very rows that judge them; other rows of the same arm "
             "than theirs"
         )
-        source = "Hwang et al. 2022, in peng2024, Table III"
         holds = True if most < there else False if least > there else None
-        claims.append(Claim(text, source, holds, found))
+        claims.append(CLAIMS[f"hwang-{number}"].claim(holds, found))
     return claims
