@@ -142,7 +142,7 @@ AT_ONCE = {
         ("random.parquet --duration-s 3", "--duration-s needs --ros"),
     ],
     "study": [
-        ("efficiency --jobs 2 --cluster tcp://127.0.0.1:9", "--cluster and --jobs: give one"),
+        ("directions --jobs 2 --cluster tcp://127.0.0.1:9", "--cluster and --jobs: give one"),
         ("nosuch", "no study called 'nosuch'"),
         ("all --set networks=1", "--set is of one study"),
         ("forceps --set specimen=B", "name it in place of 'forceps'"),

@@ -1,4 +1,3 @@
-from .adapt import adapted as adapted
 from .calibration import Calibration as Calibration
 from .choose import Automatic as Automatic
 from .conformal import cross_interval as cross_interval

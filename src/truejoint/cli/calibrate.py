@@ -1,4 +1,4 @@
-"""`truejoint calibrate` and `adapt`: fit a calibration, or change it as new recordings say."""
+"""`truejoint calibrate`: fit a calibration to recordings with truth."""
 
 from __future__ import annotations
 
@@ -208,32 +208,3 @@ def print_choice(fitted: truejoint.Calibration) -> None:
             f"{judged['rezeroed_from']:g} s of truth, on {len(judged['left_out'])} parts left out; "
             f"{verdict}"
         )
-
-
-def adapt(
-    model: Path,
-    recordings: list[str],
-    new: NewModel,
-    accuracy: Accuracy,
-    data_check: DataCheck,
-    files: Files,
-    reference: list[str] | None = None,
-    part: str | None = None,
-) -> Result:
-    """Adapt a calibration to another day, tool or arm of the same robot.
-
-    A minute of recording changes the coefficients of linear, poly2, poly2_ridge and rich_play. A
-    few seconds change the zero of any model. Estimator, features, joints and target stay.
-    """
-    if accuracy.is_cross:
-        raise CalibrationError("--interval cross needs `truejoint calibrate`; name recordings")
-    calibration = truejoint.read_calibration(model)
-    read_training = files.find(recordings, part=part, model=calibration)
-    read_unseen, read_before = accuracy.find(files), files.find(reference or [])
-    training, unseen, before = read_training(), read_unseen(), read_before()
-    check = data_check.run(training, joints=calibration.joints)
-    if check.failed:
-        return refused(check)
-    adapted = truejoint.calibration.adapted(calibration, training, reference=before)
-    adapted = adapted.with_metadata(command=command_line())
-    return finish(accuracy.stated_by(adapted, unseen), check, new)

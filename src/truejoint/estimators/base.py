@@ -168,28 +168,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         estimator.memory()
         return estimator
 
-    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
-        """Fitted copy, changed as far as new rows say, and how stiffly (n_outputs,) it was held.
-
-        A ridge regression of this model's residuals on the rows moves its coefficients and
-        intercept. `X` is (n, k), `y` (n, n_outputs), NaN where unknown, and `dt` (n,) as for `fit`;
-        see `truejoint.estimators.polynomial.learn.changes`. Raises CalibrationError if the rows are
-        too few, or the estimator's coefficients cannot be changed so.
-        """
-        raise CalibrationError(
-            f"{self.name} cannot be the prior of a calibration: it has no coefficients that a few "
-            "rows could change; take a linear or quadratic model, or one of plays by a ridge"
-        )
-
     def with_params(self, **changed: Any) -> Self:
         """Unfitted copy with some other parameters."""
         copy: Self = clone(self).set_params(**changed)
         return copy
-
-    def with_arrays(self, arrays: Arrays) -> Self:
-        """Fitted copy with other arrays."""
-        data = EstimatorData(self.family.name, self.model_params(), {**self.arrays_, **arrays})
-        return self.from_data(data, int(self.n_features_in_), int(self.n_outputs_))
 
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""

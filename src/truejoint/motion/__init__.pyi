@@ -1,9 +1,9 @@
+from .calibration_motions import DIRECTIONS as DIRECTIONS
+from .calibration_motions import PROFILES as PROFILES
 from .calibration_motions import nested_motion as nested_motion
 from .calibration_motions import random_motion as random_motion
 from .calibration_motions import zigzag as zigzag
 from .designed import designed_motion as designed_motion
-from .directions import DIRECTIONS as DIRECTIONS
-from .directions import PROFILES as PROFILES
 from .files import read_trajectory as read_trajectory
 from .files import write_trajectory as write_trajectory
 from .follow import TrackingReport as TrackingReport

@@ -12,9 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError, unknown
-from truejoint.motion.directions import DIRECTIONS, PROFILES
 from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot, Workspace
+
+DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
+"""Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
+
+PROFILES: Final = ("cosine", "laboratory")
+"""How the speed of a random motion goes along a swing; see `random_motion`."""
 
 _MOST_DIVISIONS: Final = 50
 LONGEST: Final = 24 * 3600.0  # [s]

@@ -28,7 +28,6 @@ from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.polynomial.run import interaction_factors, of_degree
 from truejoint.estimators.rules import Params, Rule
 from truejoint.estimators.stack.learn import Stack
-from truejoint.estimators.stack.run import members
 
 if TYPE_CHECKING:
     from truejoint.robots import Robot
@@ -236,17 +235,6 @@ class Plays(JointRegressor):
             positions, fresh[used], has_target, explained, targets
         )
         return {"coupling": coupling, "reaches": reaches}
-
-    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
-        """Fitted copy, as `JointRegressor.adapted` says; of the ridge regression alone."""
-        if self.learner != "ridge":
-            return super().adapted(X, y, dt)
-        has_truth = self._known(y)
-        inputs = play_bank.expand_rows(self.model_params(), self.arrays_, X, dt, has_truth)
-        ((data, _),) = members(self.model_params(), self.arrays_)
-        ridge = Polynomial.from_data(data, inputs.shape[1], y.shape[1])
-        adapted, penalties = ridge.adapted(inputs, y[has_truth], np.zeros(len(inputs)))
-        return self.with_arrays({f"0/{name}": a for name, a in adapted.arrays_.items()}), penalties
 
     def _products(self, n_features: int, n_seen: int) -> tuple[int, int]:
         """By how many of what is seen, the first ones, how many are multiplied.

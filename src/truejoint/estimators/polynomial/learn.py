@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
-from truejoint.errors import CalibrationError
 from truejoint.estimators import base, registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.family import Family
@@ -21,14 +20,10 @@ from truejoint.estimators.rules import Params, Rule, number, one_of, optional
 
 PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
-CHANGE_PENALTIES: Final = (*(10.0**p for p in range(-4, 3)), math.inf)
-"""Tried on the squared changes of a fitted model's coefficients; the last changes the intercept
-alone."""
 BLOCKS: Final = 5  # that are left out in turn
 
 _LEAST: Final = 1e-6  # deviation of a term; what rows taken off a sum leave of one is rounding
 _FEWEST_LEVELS: Final = 3  # with fewer, or larger ones, a fit would see too little
-_LEAST_ROWS: Final = 50  # of new rows, by which a model is changed
 _APART: Final = 1.5  # least gap between levels, in largest gaps within them
 ROWS_PER_COEFFICIENT: Final = 10  # for each joint; with fewer rows, a fit fits the noise
 MOST_PRODUCTS: Final = 600
@@ -142,23 +137,6 @@ class Polynomial(JointRegressor):
         if self.ridge:
             return max(100, 2 * n_features)
         return ROWS_PER_COEFFICIENT * math.comb(n_features + int(self.degree), int(self.degree))
-
-    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
-        """Fitted copy, as `JointRegressor.adapted` says."""
-        labelled = self._known(y)
-        factors = factors_of(self.model_params(), X.shape[1])
-        residuals = y[labelled] - self.evaluate(X[labelled])
-        if not len(factors):
-            arrays = {"intercept": self.arrays_["intercept"] + residuals.mean(axis=0)}
-            return self.with_arrays(arrays), np.zeros(y.shape[1])
-        scaled = (X[labelled] - self.arrays_["mean"]) * self.arrays_["inverse_scale"]
-        terms = polynomial_design(scaled, factors)
-        slopes, offset, penalties = changes(terms, residuals)
-        arrays = {
-            "coef": self.arrays_["coef"] + slopes,
-            "intercept": self.arrays_["intercept"] + offset,
-        }
-        return self.with_arrays(arrays), penalties
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         factors = factors_of(self.model_params(), X.shape[1])
@@ -299,7 +277,7 @@ def _without_far(
             inliers = products - _products(scaled[rows], y[rows], factors)
             places = [*range(1 + n_terms), 1 + n_terms + j]
             inner = inliers[np.ix_(places, places)]
-            table[:, j] = solutions(inner, weights[j], 1, (fit.penalties[j],), True)[0, :, 0]
+            table[:, j] = solutions(inner, weights[j], 1, (fit.penalties[j],))[0, :, 0]
         if (far == before).all():
             break
         before = far
@@ -320,15 +298,13 @@ def cross_validated(
     weights: Sequence[Array],
     progress: Progress = base.untold,
     penalties: Sequence[float] = PENALTIES,
-    *,
-    standardise: bool = True,
 ) -> PenalisedFit:
     """Fit with the penalty, and the weights of terms, that err least on blocks left out in turn.
 
     `products` (n_blocks, m, m) are, for each block of rows, the sums of products of every two of:
     1, the terms, the outputs. Of `weights`, each (n_terms,), and `penalties` all are tried; one
     penalty alone is taken. A term of weight 1 is penalised as one of variance 1, to which it is
-    scaled unless `standardise` is off; a smaller weight is penalised more, by its square; 0 leaves
+    scaled; a smaller weight is penalised more, by its square; 0 leaves
     the term out.
     """
     n_outputs = products.shape[1] - 1 - len(weights[0])
@@ -336,14 +312,14 @@ def cross_validated(
     whole = products.sum(axis=0)
     for place, trial in enumerate(weights):
         for block in products:
-            tables = solutions(whole - block, trial, n_outputs, penalties, standardise)
+            tables = solutions(whole - block, trial, n_outputs, penalties)
             for at, table in enumerate(tables):
                 residual_of = np.vstack([-table, np.eye(n_outputs)])
                 errors[place, at] += np.sum(residual_of * (block @ residual_of), axis=0)
         progress((place + 1) / len(weights))
     flat = errors.reshape(-1, n_outputs)
     chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
-    fits = [solutions(whole, trial, n_outputs, penalties, standardise) for trial in weights]
+    fits = [solutions(whole, trial, n_outputs, penalties) for trial in weights]
     columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
     return PenalisedFit(np.array(columns).T, np.array(penalties)[penalty], chosen, flat.min(axis=0))
 
@@ -361,9 +337,7 @@ def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
     return np.asarray(weights), constant - float(weights @ mean)
 
 
-def solutions(
-    products: Array, weights: Array, n_outputs: int, penalties: Sequence[float], standardise: bool
-) -> Array:
+def solutions(products: Array, weights: Array, n_outputs: int, penalties: Sequence[float]) -> Array:
     """Constants and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
 
     Terms, of which there are the sums of `products` (m, m), are scaled to variance 1, unless that
@@ -373,7 +347,7 @@ def solutions(
     mean = products[0] / n
     spread = products / n - np.outer(mean, mean)
     terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
-    variance = np.diag(spread)[terms] if standardise else np.ones(n_terms)
+    variance = np.diag(spread)[terms]
     deviation = np.sqrt(np.maximum(variance, 0.0))
     scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > _LEAST)
     used = np.flatnonzero(scale)
@@ -423,25 +397,3 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
             best, units = ratio, parts_at_gaps
     parts = np.array_split(np.arange(len(units)), min(most, len(units)))
     return [np.concatenate([units[i] for i in part]) for part in parts]
-
-
-def changes(terms: Array, residuals: Array) -> tuple[Array, Array, Array]:
-    """Give changes of a model's coefficients (m, k) and intercept (k,), and penalties (k,).
-
-    For each output by itself, the penalty is the one of the least mean square on five blocks of
-    rows, on end, that are left out in turn. `terms` (n, m) are those of the model, scaled so that
-    they had a variance of about 1 where it was fitted; `residuals` (n, k) are target minus
-    prediction. Raises CalibrationError for fewer than 50 rows.
-    """
-    check_row_count(len(terms))
-    table = np.column_stack([np.ones(len(terms)), terms, residuals])
-    products = np.array([rows.T @ rows for rows in np.array_split(table, BLOCKS)])
-    weights = [np.ones(terms.shape[1])]
-    fit = cross_validated(products, weights, penalties=CHANGE_PENALTIES, standardise=False)
-    return fit.coefficients[1:], fit.coefficients[0], fit.penalties
-
-
-def check_row_count(n: int) -> None:
-    """Raise CalibrationError if `n` rows with truth are too few to change a model by."""
-    if n < _LEAST_ROWS:
-        raise CalibrationError(f"{n} rows with truth; a prior is changed by {_LEAST_ROWS} or more")
