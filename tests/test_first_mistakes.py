@@ -81,7 +81,10 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             lambda model: truejoint.calibration.find_zero(model, "run.csv"),
             "read_recording",
         ),
-        (lambda model: truejoint.calibration.adapted("m.st", motion(1)), "not a Calibration"),
+        (
+            lambda model: truejoint.calibration.calibrate_like(motion(1), ["m.st"]),
+            "not a Calibration",
+        ),
         (lambda model: truejoint.calibration.with_interval(model, motion(0)), "used in the fit"),
         (lambda model: truejoint.calibration.with_interval(model, [], levels=0.9), "too few"),
         (lambda model: truejoint.calibration.cross_interval([]), "at least one"),

@@ -16,7 +16,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "truejoint"
 CLI = SOURCE / "cli"
-BY_HAND = [page.name for page in sorted((ROOT / "docs").glob("*.md")) if page.stem != "commands"]
+MADE = ("commands", "claims")  # pages that a command writes
+BY_HAND = [page.name for page in sorted((ROOT / "docs").glob("*.md")) if page.stem not in MADE]
 PAGES = [
     "README.md",
     "ARCHITECTURE.md",
@@ -191,7 +192,8 @@ def test_the_manual_is_short() -> None:
     words = sum(len(re.findall(r"[A-Za-z][\w'-]*", text)) for text in texts.values())
     assert words <= WORDS_OF_THE_MANUAL
     tasks = re.findall(r"^(\w+)$", texts["how_to.md"], flags=re.MULTILINE)
-    lines = {f"{task}.md": texts[f"{task}.md"].count("\n") for task in ("first_steps", *tasks)}
+    tasks = [task for task in ("first_steps", *tasks) if task not in MADE]
+    lines = {f"{task}.md": texts[f"{task}.md"].count("\n") for task in tasks}
     assert {name: number for name, number in lines.items() if number > LINES_OF_A_TASK} == {}
 
 

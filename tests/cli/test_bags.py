@@ -43,7 +43,7 @@ def test_the_doctor_says_a_line_for_each_verdict(call, session, bag):
     assert bag.exists()
     for target in (session / "random.parquet", bag):
         told = call.good(f"doctor {target}")
-        assert len(told.out.splitlines()) == 14
+        assert len(told.out.splitlines()) == 15
         assert "effort sign: net work of the efforts" in told.out
     findings = call.json(f"doctor {bag} --robot raven2:right", code=1)["findings"]
     assert "arm" in {finding["heading"] for finding in findings if finding["level"] == "fail"}

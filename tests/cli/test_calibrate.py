@@ -39,9 +39,6 @@ def test_auto_prints_what_was_tried_and_its_model_is_a_prior(call, sessions, mon
     assert f"in {model.metadata['fit_seconds']:.1f} s" in model.summary()["trained on"]
     assert (model.interval.trajectories, model.interval.cut, model.interval.whole) == (15, 3, 3)
     assert "15 parts of its 3 recordings" in done.out.replace("\n", " ")
-    changed = call.good("adapt m.st s1.parquet -o changed.st --accept unit")
-    assert "left out (share" not in changed.out
-    assert "prior" in read_calibration("changed.st").metadata
 
 
 def test_an_interval_of_the_same_recordings_is_in_the_json(call, sessions):

@@ -193,16 +193,6 @@ def test_nothing_is_overwritten_unasked(call, session):
     call.refuses("zigzag.parquet", f"collect {session}/zigzag.csv -o {session}")
 
 
-def test_the_last_calibration_is_the_prior_of_the_next(call, session):
-    recordings = f"{session}/random.parquet --reference {session}/zigzag.parquet"
-    call.good(f"adapt {session}/m.st {recordings} -o next.st")
-    read = read_calibration("next.st")
-    assert [Path(one).name for one in read.metadata["prior"]["reference"]] == ["zigzag.parquet"]
-    assert read.estimator == "linear"
-    assert read.metadata["prior"]["robot"] == "raven2 (left arm)"
-    assert "truejoint adapt" in read.metadata["command"]
-
-
 @pytest.mark.parametrize(
     ("line", "command"),
     [

@@ -148,17 +148,15 @@ def test_a_person_touches_with_it_while_it_is_looked_at(call, arm, model, tmp_pa
     asked, commands = [], []
     arm.ros.subscribe("/arm1/state_command", "crtk_msgs/StringStamped", commands.append)
     monkeypatch.setattr(typer, "prompt", lambda text, **_: asked.append(text))
-    assert call("touch", "block", "raven2", "-o", tmp_path).code == 0
-    touches, aim = tmp_path / "touches.csv", ("--block", tmp_path / "block.toml")
-    told = call("touch", "run", model, *aim, *OVER, "--count", "6", "-o", touches)
-    assert told.code == 0, told.err
+    call.good("touch block raven2 -o .")
+    touches, line = tmp_path / "touches.csv", f"touch run {model} --block block.toml {OVER}"
+    call.good(f"{line} --count 6 -o touches.csv")
     dimples = [line.split(",")[1] for line in touches.read_text().splitlines()[1:]]
     assert dimples == list(dict.fromkeys(text.split(",")[0].split()[1] for text in asked))
     reported = truejoint.read_recording(tmp_path / "touches.parquet").table["measured/elbow"]
     assert reported.to_numpy() == pytest.approx(arm.robot.home[1], abs=1e-3)
     assert not commands
-    told = call("touch", "run", model, *aim, *OVER, "--twin", "worn", "-o", touches)
-    assert "--ros and --twin: give one of the two" in told.err
+    call.refuses("--ros and --twin: give one of the two", f"{line} --twin worn -o touches.csv")
 
 
 def test_it_goes_where_it_is_told(call, arm):

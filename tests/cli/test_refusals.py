@@ -63,9 +63,6 @@ AT_ONCE = {
         ("--tolerance elbow=0", "give deg above 0"),
         ("--rezero-s long", "should be a valid number"),
     ],
-    "adapt m.st random.parquet -o new.st": [
-        ("--interval cross", "needs `truejoint calibrate`"),
-    ],
     "rezero m.st -o new.st": [
         ("--ros 2 --truth /t --motor m.st", "--ros and --motor: give one of the two"),
         ("", "name the recording to re-zero from, or give --touches"),

@@ -91,5 +91,5 @@ def calibration(
         training_domain=fit_training_domain([training], needed, 0.3, X, error, resting),
         interval=None
         if rezero is None
-        else Interval(np.array([0.8, 0.9]), widths, widths, 2.0, rezero, 12, 12),
+        else Interval(np.array([0.8, 0.9]), widths, 2.0, rezero, 12, 12),
     )  # fmt: skip

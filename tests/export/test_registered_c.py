@@ -101,7 +101,7 @@ def test_optimised_as_users_do_it_differs_in_the_last_bits_only(library, name):
 def with_interval(plain, rezero: float):
     """Calibration that states an interval, which holds after so many seconds of truth."""
     widths = np.full((1, len(plain.joints)), 0.003)
-    return replace(plain, interval=Interval(np.array([0.9]), widths, widths, 2.0, rezero, 12, 12))
+    return replace(plain, interval=Interval(np.array([0.9]), widths, 2.0, rezero, 12, 12))
 
 
 def with_moved_zero(plain, shift: float):

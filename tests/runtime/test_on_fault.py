@@ -101,7 +101,7 @@ def test_while_it_returns_the_half_width_holds_what_is_missing():
     recordings = [recording(np.arange(0.0, 20.0, 1 / 30) + 20.0 * k, seed=k) for k in range(10)]
     model = calibrate(recordings, "linear", features=SIGNALS, joints=JOINTS)
     widths = np.full((1, 2), 0.003)
-    model = replace(model, interval=Interval(np.array([0.9]), widths, widths, 2.0, 0.0, 12, 12))
+    model = replace(model, interval=Interval(np.array([0.9]), widths, 2.0, 0.0, 12, 12))
     t, samples = T.copy(), stream(T)
     far_out(t, samples)
     bits, positions, widths, _ = run(ready(model), t, samples)

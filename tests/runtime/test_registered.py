@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.estimators.motor_side.test_motor_side import estimate
 
 from truejoint.calibration import write_calibration
 from truejoint.calibration.interval import Interval
@@ -239,7 +240,7 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
     if name == "ukf_friction":
         deviation = calibration.model.states(X, dt).angle_deviation
     elif name == "ukf_elastic":
-        deviation = calibration.model.estimate(X, dt).angle_deviation[:, 0]
+        deviation = estimate(calibration.model, X, dt).angle_deviation[:, 0]
     else:
         deviation = np.sqrt(calibration.model.states(X, dt).P[:, 0, 0])
     expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]
@@ -261,7 +262,7 @@ def test_the_stated_width_holds():
 @pytest.mark.parametrize("rezero", [0.0, 10.0])
 def test_an_interval_comes_before_the_filters_own_width(name, rezero):
     widths = np.full((1, len(model(name).joints)), 0.003)
-    interval = Interval(np.array([0.9]), widths, widths, 2.0, rezero, 12, 12)
+    interval = Interval(np.array([0.9]), widths, 2.0, rezero, 12, 12)
     calibration = replace(model(name), interval=interval)
     recording = unseen(name).rows(np.arange(50))
     samples = recording.table[list(calibration.loop_signals)].to_numpy()

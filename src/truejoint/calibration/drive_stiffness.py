@@ -38,8 +38,8 @@ def identify_stiffness(
     X : array_like, shape (n, 2)
         Records in which weights hang: motor angle [rad] and ``x2`` [m].
     torque : array_like, shape (n,)
-        Of the weight that hangs freely in a row [Nm], positive where it opens the jaw; NaN in rows
-        where none does.
+        Torque of the weight that hangs freely in a row [Nm], positive where it opens the jaw; NaN
+        in rows where none does.
     dt : array_like, shape (n,), optional
         Time since the row before [s], 0 where a record starts; rows 5 ms apart by default.
 

@@ -63,9 +63,9 @@ def find_encoder_zero(
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
     Unloaded, motor and reset cable move together as in calibration, and homing keeps the motor's
-    zero: what they differ by on average is the reset side's. Friction that is not as in calibration
-    shifts the way there and the way back apart, and their mean by up to about half of that, which
-    is the deviation (12 virtual forceps, four motions each: 0.0 to 2.2 of it).
+    zero: what they differ by on average is the reset side's. Another friction than in calibration
+    shifts the two ways apart. It shifts their mean by up to about half of that, which is the
+    deviation (12 virtual forceps, four motions each: 0.0 to 2.2 of it).
 
     Parameters
     ----------

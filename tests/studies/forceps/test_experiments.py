@@ -33,7 +33,7 @@ def briefer(monkeypatch):
 
 @pytest.fixture(scope="module")
 def unloaded():
-    return run_study("forceps-unloaded", {"methods": FEW, "draws": 2})
+    return run_study("forceps-unloaded", {"methods": FEW, "draws": 3})
 
 
 def test_table_2_has_the_order_of_the_paper(unloaded, drawn):
