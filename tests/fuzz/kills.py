@@ -31,7 +31,7 @@ from .cases import make_seeds, run
 
 COMMANDS = {
     "calibrate": "calibrate training.parquet -e linear --joint elbow -o new.safetensors",
-    "calibrate like": "calibrate training.parquet --like linear.safetensors -e linear -o like.safetensors",
+    "calibrate like": "calibrate training.parquet --like linear.safetensors -o like.safetensors",
     "rezero": "rezero linear.safetensors test.parquet -o zeroed.safetensors",
     "correct to csv": "correct linear.safetensors test.parquet -o corrected.csv",
     "correct": "correct linear.safetensors test.parquet -o corrected.parquet",

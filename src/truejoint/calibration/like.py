@@ -37,9 +37,9 @@ def calibrate_like(
     """Fit a calibration to few seconds of an instrument, by `models` of others of its kind.
 
     It is the weighted mean of the models and an offset (`Pooled`), which 20 s of truth tell. The
-    models are left aside where they leave more of the new truth than a fixed offset does. An own fit
-    of `estimator` is judged beside it on each of two or more recordings in turn, and the better one
-    is taken. The metadata say so under ``like``.
+    models are left aside where they leave more of the new truth than a fixed offset does. An own
+    fit of `estimator` is judged beside it on each of two or more recordings in turn, and the better
+    one is taken. The metadata say so under ``like``.
 
     Parameters
     ----------
