@@ -467,9 +467,9 @@ class Stepped(LocalRos):
         self.state = {"pause": "PAUSED"}[message.string]
 
 
-@pytest.mark.parametrize(("rate", "most"), [(1000.0, 0.05), (200.0, 0.05), (100.0, 0.06)])
-def test_a_robot_that_refuses_set_points_is_noticed_within_50_ms(monkeypatch, rate, most):
-    """Of its clock, and told who waits: of 100 Hz the answer to the pause takes a message more."""
+@pytest.mark.parametrize(("rate", "most"), [(1000.0, 0.25), (200.0, 0.25), (100.0, 0.27)])
+def test_a_robot_that_refuses_set_points_gets_no_new_ones_after_50_ms(monkeypatch, rate, most):
+    """Who waits hears it a quarter of a second after the first, by the robot's clock."""
     robot = Stepped(monkeypatch, rate, (1.0, np.inf))
     with robot.arm() as arm:
         motion = arm.move_jp(ROBOT.home + 0.5 * SHOULDER)
@@ -478,13 +478,15 @@ def test_a_robot_that_refuses_set_points_is_noticed_within_50_ms(monkeypatch, ra
         ):
             motion.wait()
         assert robot.t - robot.refused[0] <= most
-        assert 30 < len(robot.refused) <= 50
+        assert 30 < len(robot.refused) <= 50  # a millisecond each
         assert arm.operating_state().state == "PAUSED"
         assert arm.setpoint_js().position == pytest.approx(robot.setpoint, abs=1e-9)
 
 
-def test_a_link_that_stalled_has_more_time_to_take_set_points(monkeypatch):
-    robot = Stepped(monkeypatch, 1000.0, (1.0, 1.14), silent=(1.0, 1.06))
+@pytest.mark.parametrize("silent", [(1.0, 1.06), (0.0, 0.0)])
+def test_a_link_that_stalls_has_time_to_take_set_points(monkeypatch, silent):
+    """Also where the robot's messages go on: its computer may be late with what it reads."""
+    robot = Stepped(monkeypatch, 1000.0, (1.0, 1.15), silent=silent)
     with robot.arm() as arm:
         arm.move_jp(ROBOT.home + 0.3 * SHOULDER).wait()
         assert robot.setpoint == pytest.approx(ROBOT.home + 0.3 * SHOULDER, abs=1e-6)

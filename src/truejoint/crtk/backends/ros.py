@@ -38,9 +38,8 @@ _LAG: Final = 0.06  # [s] by which joints may follow their set-points
 _SETTLING: Final = 5.0  # [s] after a motion: until then the robot's own loops have come to rest
 _FADE: Final = 0.25  # [s] in which a joint that moves gives most of its trim back
 _IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
-_STILL: Final = 0.035  # [s] for which the robot's may stand elsewhere, and messages are even
-_MOST_STILL: Final = 0.24  # [s] for which it may at most: a busy computer may keep it
-_FORGOTTEN: Final = 0.1  # of a silence, the share of the time since then that no longer counts
+_STILL: Final = 0.035  # [s] for which the robot's may stand elsewhere until none is sent
+_MOST_STILL: Final = 0.24  # [s] for which it may at most: a busy computer may keep them
 _log = logging.getLogger(__name__)
 
 
@@ -118,7 +117,6 @@ class RosBackend:
         self._changed = threading.Condition()  # of what follows
         self._state: OperatingState | None = None
         self._heard = -np.inf  # when, by this computer's clock
-        self._silence = 0.0  # longest between two messages, of late [s]
         self._ahead = 0.0  # of the robot's clock [s]
         self._homing = ""
         self._setpoint: Array | None = None
@@ -263,7 +261,7 @@ class RosBackend:
             self._wait_for_joints()
 
     def _forget_sent(self) -> None:
-        self._settling, self._silence = (math.inf, -math.inf), 0.0
+        self._settling = math.inf, -math.inf
         self._sent = self._astray = None
         self._trim = np.zeros_like(self._trim)
         self._in_flight.clear()
@@ -316,15 +314,14 @@ class RosBackend:
     def _is_taken(self, go_on: Callable[[], bool]) -> bool:
         """Wait while the robot's set-point stands elsewhere; False where it is not to go on.
 
-        Raises CommandRefused where it stands there, by the robot's clock, for `_STILL`, or for
-        twice as long as messages failed to come of late.
+        Raises CommandRefused where it stands there for too long. Times are by the robot's clock.
         """
         with self._changed:
             while (astray := self._astray) is not None:
-                stands, silence = self.time - astray[0], time.monotonic() - self._heard
+                stands = self.time - astray[0]
                 if stands <= _STILL:
                     break
-                if stands > min(2.0 * max(self._silence, silence), _MOST_STILL):
+                if stands > _MOST_STILL:
                     raise self._not_taken(astray[1])
                 if not go_on():
                     return False
@@ -346,7 +343,7 @@ class RosBackend:
     def _compare(self, t: float, setpoint: Array) -> None:
         """Keep in mind since when [s], by its clock, the robot's set-point stands off the last."""
         now, in_flight = time.monotonic(), self._in_flight
-        while len(in_flight) > 1 and now - in_flight[1][0] > _IN_FLIGHT + 2.0 * self._silence:
+        while len(in_flight) > 1 and now - in_flight[1][0] > _IN_FLIGHT:
             in_flight.popleft()
         if (
             self._profile.no_setpoint
@@ -482,9 +479,8 @@ class RosBackend:
             self._changed.notify_all()
 
     def _tell_time(self, t: float) -> None:
-        now, before = time.monotonic(), self._heard
-        self._silence = max(now - before, self._silence - _FORGOTTEN * (now - before))
-        self._heard, self._ahead = now, t - now
+        self._heard = time.monotonic()
+        self._ahead = t - self._heard
 
     def _on_state(self, _: Any, t: float, columns: Mapping[str, Array]) -> None:
         state, listener = self._state, self._listener
