@@ -73,7 +73,7 @@ def test_a_hint_leads_to_a_command_that_is_there(word: str) -> None:
 def test_what_there_is_to_learn_stays_within_its_size() -> None:
     options = [p for name in COMMANDS for p in command(name).params if p.opts[0].startswith("-")]
     assert len(COMMANDS) <= 28
-    assert len([option for option in options if option.name != "help"]) <= 259
+    assert len([option for option in options if option.name != "help"]) <= 250
 
 
 def anchors(text: str) -> set[str]:

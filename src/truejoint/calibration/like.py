@@ -89,14 +89,14 @@ def calibrate_like(
     left_aside = _contradiction(pooled, recordings)
     left_out = [Fold("", (part,)) for part in wholes(recordings)[:FOLDS]]
     if left_aside or len(distinct(recordings)) > 1:
-        own = calibrate(recordings, estimator, progress=progress, **how)
-        if not left_aside and own.joints == joints:
-            errors = [_left_out_rmse(fit, recordings, left_out, common) for fit in (pooled, own)]
+        alone = calibrate(recordings, estimator, progress=progress, **how)
+        if not left_aside and alone.joints == joints:
+            errors = [_left_out_rmse(fit, recordings, left_out, common) for fit in (pooled, alone)]
             facts["rmse"] = dict(zip(("like", "own"), (e.tolist() for e in errors), strict=True))
             if np.log(errors[1]).mean() < np.log(errors[0]).mean():
                 left_aside = "an own fit is better on the recordings that are left out in turn"
         if left_aside:
-            return own.with_metadata(like={**facts, "left_aside": left_aside})
+            return alone.with_metadata(like={**facts, "left_aside": left_aside})
     origin = pooled.origin  # so that none of the models' recordings is judged on
     sessions = (*origin.sessions, *(s for prior in priors for s in prior.origin.sessions))
     pooled = replace(pooled, origin=replace(origin, sessions=sessions))
@@ -136,11 +136,11 @@ def _expert(prior: Calibration, names: list[str], measured: Sequence[str]) -> Ex
 
 def _contradiction(pooled: Calibration, recordings: Sequence[Recording]) -> str:
     """Say why the models do not fit the new truth, if they leave more of it than an offset does."""
-    left, offset = (
+    residuals, offset = (
         np.concatenate([r.columns("truth", pooled.joints) - fit.correct(r) for r in recordings])
         for fit in (pooled, pooled.baselines["offset"])
     )
-    ratio = np.nanstd(left, axis=0) / np.nanstd(offset, axis=0)
+    ratio = np.nanstd(residuals, axis=0) / np.nanstd(offset, axis=0)
     worst = int(np.argmax(ratio))
     if ratio[worst] <= 1.0:
         return ""

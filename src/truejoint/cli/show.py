@@ -62,7 +62,7 @@ def robots(name: str | None = None) -> Result:
     from truejoint.recordings.read.map_sketch import QUANTITIES
 
     if name is None:
-        every = [truejoint.get_robot(known) for known in truejoint.robots.robot_names()]
+        every = [truejoint.get_robot(each) for each in truejoint.robots.robot_names()]
         rows = [(robot.name, ", ".join(robot.joint_names)) for robot in every]
         print_table(("robot", "joints"), rows, numbers=False)
         return Result({"robots": [robot.to_dict() for robot in every]})
@@ -89,13 +89,13 @@ def estimators(name: str | None = None) -> Result:
     from truejoint.estimators.registry import PRESETS, Preset, estimator_names
 
     foreign = Preset("", "", "of an installed package", "any features")
-    presets = {known: PRESETS.get(known, foreign) for known in estimator_names()}
+    presets = {title: PRESETS.get(title, foreign) for title in estimator_names()}
     facts = {
-        known: {"what": each.what, "sees": each.sees, "auto": "yes" if each.is_tried else "no"}
-        for known, each in presets.items()
+        title: {"what": each.what, "sees": each.sees, "auto": "yes" if each.is_tried else "no"}
+        for title, each in presets.items()
     }
     if name is None:
-        rows = [(known, *values.values()) for known, values in facts.items()]
+        rows = [(title, *values.values()) for title, values in facts.items()]
         print_table(("estimator", "what", "sees", "auto tries it"), rows, numbers=False)
         return Result({"estimators": facts})
     defaults = truejoint.estimators.get_estimator(name).get_params(deep=False)

@@ -40,8 +40,8 @@ class Expert:
         """Predict (n, n_outputs) for rows `X` (n, n_features), `dt` (n,) [s] apart."""
         kind, n_outputs = self.data.kind, self.direct.shape[1]
         memory = kind.memory(self.data, len(self.columns), n_outputs)
-        seen = np.ascontiguousarray(X[:, self.columns])
-        return np.asarray(evaluate(kind, memory, seen, dt, n_outputs) + X @ self.direct)
+        inputs = np.ascontiguousarray(X[:, self.columns])
+        return np.asarray(evaluate(kind, memory, inputs, dt, n_outputs) + X @ self.direct)
 
 
 @dataclass(eq=False, repr=False)
@@ -91,13 +91,13 @@ class Pooled(JointRegressor):
         }
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        known = self._known(y)
+        labelled = self._known(y)
         predicted = np.stack([expert.predict(X, dt) for expert in self.experts], axis=2)
-        pairs = zip(predicted[known].transpose(1, 0, 2), y[known].T, strict=True)
+        pairs = zip(predicted[labelled].transpose(1, 0, 2), y[labelled].T, strict=True)
         count = max(dt.sum() / _ALIKE, 1.0)
         weights = np.array([_weights(p, target, count) for p, target in pairs])
         rest = y - np.einsum("njk,jk->nj", predicted, weights)
-        offset = Polynomial(0, ridge=False).fit(X[known], rest[known])
+        offset = Polynomial(0, ridge=False).fit(X[labelled], rest[labelled])
         members = [*(expert.data.arrays for expert in self.experts), offset.arrays_]
         n_columns = sum(map(len, self.model_params()["columns"]))
         n_features, n_outputs = X.shape[1], y.shape[1]

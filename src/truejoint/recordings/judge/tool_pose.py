@@ -84,9 +84,9 @@ def _causes(robot: Robot, joint: Array, position: Array) -> Iterator[tuple[float
         longer = np.zeros(3)
         for _ in range(_ROUNDS):  # of Gauss and Newton: base frame and link together
             _, base = _registered(place + turn @ longer, position)
-            seen = base.into(position)
-            missing = seen - place
-            turned = np.swapaxes(np.cross(np.eye(3), seen[:, None]), 1, 2)
+            registered = base.into(position)
+            missing = registered - place
+            turned = np.swapaxes(np.cross(np.eye(3), registered[:, None]), 1, 2)
             slopes = np.concatenate(
                 [turned, np.broadcast_to(np.eye(3), turned.shape), turn], axis=2
             )

@@ -137,8 +137,8 @@ def _sizes(table: str, method: str, run: str = "verification") -> Judge:
         there = reported("yan2020", table, f"trajectory {_RUNS[run][1:-1]}", method)
         pairs = []
         for size, key in _PRINTED.items():
-            own = claims.by_session(rows, method=method, motion=run, size=size)
-            pairs.append((f"|{key}|", own, abs(there[key])))
+            sizes = claims.by_session(rows, method=method, motion=run, size=size)
+            pairs.append((f"|{key}|", sizes, abs(there[key])))
         return claims.matches(pairs)
 
     return judge
@@ -332,7 +332,7 @@ def _within(phase: str, limit: float, lightest: float = math.inf) -> Judge:
         rows = rows[rows.mass < lightest]
         angle = select(rows, phase=phase or "IV", method=m.PAPERS_BEST)
         angle = angle.assign(angle=np.degrees(angle.rms if phase else angle.turn.abs()))
-        worst = {way: own.groupby("draw").angle.max() for way, own in groups(angle, "direction")}
+        worst = {way: part.groupby("draw").angle.max() for way, part in groups(angle, "direction")}
         numbers = ", ".join(
             f"{angles.max():.2f} deg {way}{claims.against(angles, limit)}"
             for way, angles in worst.items()
@@ -352,17 +352,19 @@ def _while_hung(rows: DataFrame) -> claims.Verdict:
 
 def _as_table_3(rows: DataFrame) -> claims.Verdict:
     """Whether errors are those of Table 3, of the direction in which they come nearer."""
-    found = []
-    for way, own in groups(rows, "direction"):
+    verdicts = []
+    for way, part in groups(rows, "direction"):
         pairs = []
-        for mass, phase in product(unique(own, "mass"), JUDGED):
+        for mass, phase in product(unique(part, "mass"), JUDGED):
             load = f"{1e3 * mass:.0f}g phase {phase}"
             there = reported("yan2020", "3", f"load={load}", m.PAPERS_BEST)
-            sizes = claims.by_session(own, method=m.PAPERS_BEST, mass=mass, phase=phase)
+            sizes = claims.by_session(part, method=m.PAPERS_BEST, mass=mass, phase=phase)
             pairs += [(f"{load}, {way}", sizes, there["rms"])] if there else []
-        found += [claims.matches(pairs)] if pairs else []
+        verdicts += [claims.matches(pairs)] if pairs else []
     order = (True, "more", None, False)
-    return min(found, key=lambda one: order.index(one[0]), default=(None, "no such weight"))
+    return min(
+        verdicts, key=lambda verdict: order.index(verdict[0]), default=(None, "no such weight")
+    )
 
 
 LOADED_CLAIMS: Final = (
