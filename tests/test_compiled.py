@@ -135,9 +135,12 @@ def test_what_is_local_asks_nothing_of_the_heap():
     try:
         taken = []
         for rounds in (1, 100_000):  # a stack that grew with them would be gone
-            before = rtsys.get_allocation_stats().alloc
-            assert outer_trace(x, rounds) == 14.0 * rounds
-            taken.append(rtsys.get_allocation_stats().alloc - before)
+            counts = []
+            for _ in range(5):  # the least of five: other threads of the process allocate too
+                before = rtsys.get_allocation_stats().alloc
+                assert outer_trace(x, rounds) == 14.0 * rounds
+                counts.append(rtsys.get_allocation_stats().alloc - before)
+            taken.append(min(counts))
     finally:
         _nrt_python.memsys_disable_stats()
     assert taken[0] == taken[1]

@@ -171,10 +171,13 @@ def test_a_step_of_the_filter_asks_nothing_of_the_heap(p):
         taken = []
         for rows in (20, 120):
             effort, u = np.full((rows, r.N), 1e-3), np.zeros((rows, r.INPUTS))
-            before = rtsys.get_allocation_stats().alloc
-            result = unscented.run(effort, u, x0=x0, P0=P0, dt=5e-3)
-            taken.append(rtsys.get_allocation_stats().alloc - before)
-            assert (result.status == 0).all()
+            counts = []
+            for _ in range(5):  # the least of five: other threads of the process allocate too
+                before = rtsys.get_allocation_stats().alloc
+                result = unscented.run(effort, u, x0=x0, P0=P0, dt=5e-3)
+                counts.append(rtsys.get_allocation_stats().alloc - before)
+                assert (result.status == 0).all()
+            taken.append(min(counts))
     finally:
         _nrt_python.memsys_disable_stats()
     assert taken[0] == taken[1]
