@@ -115,8 +115,11 @@ def test_an_own_fit_that_is_better_on_what_is_left_out_is_taken(models):
     assert made.estimator == "poly2_ridge"
     assert "an own fit is better" in facts["left_aside"]
     assert facts["rmse"]["own"][0] < 0.5 * facts["rmse"]["like"][0]
-    kept = calibrate_like(several, models, "offset", features=FEATURES)
+    told = []
+    kept = calibrate_like(several, models, "offset", features=FEATURES, progress=told.append)
     assert kept.estimator == "pooled"
+    assert told == sorted(told)
+    assert told[-1] == 1.0
 
 
 def test_what_does_not_belong_together_is_refused(models):
@@ -128,6 +131,8 @@ def test_what_does_not_belong_together_is_refused(models):
         calibrate_like(brief, [])
     with pytest.raises(CalibrationError, match="like: 10 models"):
         calibrate_like(brief, [models[0]] * 10)
+    with pytest.raises(CalibrationError, match="the models correct jaw; leave out the joints"):
+        calibrate_like(brief, models, joints=["elbow"])
     table = brief.table.drop(columns="effort/jaw")
     bare = Recording(table, {n: u for n, u in brief.units.items() if n in table}, brief.provenance)
     with pytest.raises(truejoint.errors.TruejointError, match="effort/jaw"):

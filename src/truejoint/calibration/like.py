@@ -12,10 +12,11 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.fit import calibrate, cross_fit
+from truejoint.calibration.fit_task import within
 from truejoint.calibration.folds import FOLDS, Fold, wholes
 from truejoint.calibration.origin import distinct
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Progress
+from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.stack.pooled import Expert, Pooled
 from truejoint.estimators.stack.run import MAX_MEMBERS
@@ -24,6 +25,7 @@ from truejoint.recordings.table.recording import as_recordings
 from truejoint.robots import Robot
 
 _MOST: Final = MAX_MEMBERS - 1  # models, beside their offset
+_SHARE: Final = 0.1  # of the progress bar, of the models' mean
 
 
 def calibrate_like(
@@ -48,7 +50,7 @@ def calibrate_like(
     models : sequence of Calibration
         One to nine, of the same robot and joints.
     estimator, progress, **how
-        As `calibrate` takes them; of `how`, what is not the estimator's own goes for both fits.
+        As `calibrate` takes them, for the own fit; `fit_rate` and `redundant` go for both.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def calibrate_like(
     >>> like.estimator, like.metadata["like"]["weights"]["jaw"]
     ('pooled', [0.5, 0.5])
     """
-    recordings = as_recordings(recordings)
+    recordings, report = as_recordings(recordings), progress or untold
     robot = common_robot(recordings)
     priors = [_checked(as_calibration(model), robot, recordings) for model in models]
     if not 1 <= len(priors) <= _MOST:
@@ -74,13 +76,19 @@ def calibrate_like(
                 f"like: {_named(prior)} corrects {', '.join(prior.joints)}, {_named(priors[0])} "
                 f"{', '.join(joints)}; give models of the same joints"
             )
+    if how.get("joints") and tuple(how["joints"]) != joints:
+        raise CalibrationError(
+            f"like: the models correct {', '.join(joints)}; leave out the joints, or give models "
+            f"of {', '.join(how['joints'])}"
+        )
     measured = [f"measured/{joint}" for joint in joints]
     names = dict.fromkeys([*(n for prior in priors for n in prior.feature_set.names), *measured])
     experts = [_expert(prior, list(names), measured) for prior in priors]
     common = {name: how[name] for name in ("fit_rate", "redundant") if name in how}
     pooled = calibrate(
-        recordings, Pooled(experts), features=names, joints=joints, target="error", **common
-    )
+        recordings, Pooled(experts), features=names, joints=joints, target="error",
+        progress=within(report, 0.0, _SHARE), **common,
+    )  # fmt: skip
     weights = pooled.fitted.arrays["weights"][: len(experts) * len(joints)].reshape(-1, len(joints))
     facts = {
         "models": [_named(prior) for prior in priors],
@@ -89,7 +97,8 @@ def calibrate_like(
     left_aside = _contradiction(pooled, recordings)
     left_out = [Fold("", (part,)) for part in wholes(recordings)[:FOLDS]]
     if left_aside or len(distinct(recordings)) > 1:
-        alone = calibrate(recordings, estimator, progress=progress, **how)
+        later = within(report, _SHARE, 1.0 - _SHARE)
+        alone = calibrate(recordings, estimator, progress=later, **how)
         if not left_aside and alone.joints == joints:
             errors = [_left_out_rmse(fit, recordings, left_out, common) for fit in (pooled, alone)]
             facts["rmse"] = dict(zip(("like", "own"), (e.tolist() for e in errors), strict=True))
@@ -140,14 +149,14 @@ def _contradiction(pooled: Calibration, recordings: Sequence[Recording]) -> str:
         np.concatenate([r.columns("truth", pooled.joints) - fit.correct(r) for r in recordings])
         for fit in (pooled, pooled.baselines["offset"])
     )
-    ratio = np.nanstd(residuals, axis=0) / np.nanstd(offset, axis=0)
-    worst = int(np.argmax(ratio))
-    if ratio[worst] <= 1.0:
+    ours, plain = np.nanstd(residuals, axis=0), np.nanstd(offset, axis=0)
+    worse = np.flatnonzero(ours > plain)
+    if not worse.size:
         return ""
-    return (
-        f"the models leave {ratio[worst]:.1f} times what a fixed offset leaves of "
-        + (pooled.joints[worst])
-    )
+    worst = max(worse, key=lambda k: ours[k] / max(plain[k], 1e-12))
+    times = ours[worst] / max(plain[worst], 1e-12)
+    joint = pooled.joints[worst]
+    return f"the models leave {times:.1f} times what a fixed offset leaves of {joint}"
 
 
 def _left_out_rmse(

@@ -143,13 +143,9 @@ def fit(
     With `models` as `calibrate_like` does.
     """
     automatic = truejoint.calibration.Automatic
-    named = (
-        "Weighing"
-        if models
-        else "Choosing"
-        if isinstance(estimator, automatic)
-        else f"Fitting {estimator.name}"
-    )
+    named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
+    if models:
+        named = f"Weighing {len(models)} models"
     make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
     with progress(named) as done:
         if isinstance(estimator, automatic):
