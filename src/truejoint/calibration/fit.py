@@ -25,6 +25,7 @@ from truejoint.calibration.choose import (
     share_of,
     validate_zeros,
 )
+from truejoint.calibration.conditions import conditions_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import fit_effort_baseline, residual_baseline
 from truejoint.calibration.fit_task import (
@@ -311,13 +312,14 @@ def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
     for part in parts:
         for array in (part.t, part.X, part.truth, part.error):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-        counts = {
+        facts_of = {
             "rows": len(part.fitted),
             "rows_without_truth": int((~part.known).sum()) - part.outliers,
             "outliers": part.outliers,
             "duration": part.recording.duration,
+            "conditions": conditions_of(part.recording, part.joints),
         }
-        sessions.append(Session.of(part.recording, **counts))
+        sessions.append(Session.of(part.recording, **facts_of))
     homing_ids = sorted({session.homing_id for session in sessions} - {""})
     facts = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

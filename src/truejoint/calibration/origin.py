@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.calibration.conditions import Condition
 from truejoint.schema import Bounds, Shape
 
 if TYPE_CHECKING:
@@ -39,10 +40,11 @@ class Session:
     rows_without_truth: int = 0
     outliers: int = 0
     duration: _Number = 0.0  # [s]
+    conditions: tuple[Condition, ...] = ()  # of each joint
 
     @classmethod
-    def of(cls, recording: Recording, **counts: float) -> Session:
-        """Remember a recording; `counts` are other fields."""
+    def of(cls, recording: Recording, **others: object) -> Session:
+        """Remember a recording; `others` are other fields."""
         origin = recording.provenance.to_dict()
         names = ("source", "sha256", "session", "homing_id", "start")
         return cls(
@@ -50,7 +52,7 @@ class Session:
             load=recording.provenance.load,
             first=float(recording.t[0]),
             last=float(recording.t[-1]),
-            **counts,  # type: ignore[arg-type]
+            **others,  # type: ignore[arg-type]
         )
 
     def overlaps(self, recording: Recording) -> bool:

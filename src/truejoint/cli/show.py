@@ -140,6 +140,7 @@ def is_model(path: Path) -> bool:
 
 def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell what a model is, and the signals of a sample in order with their trained ranges."""
+    from truejoint.evaluation.conditions import learnt_texts
     from truejoint.recordings.bounded_file import sha256_of
 
     model = truejoint.read_calibration(path)
@@ -147,8 +148,10 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     trained = {f.signal: (low, high) for f, low, high in ranges if f.operation == "value"}
     columns = [_column(name, model.units[name], trained.get(name, ())) for name in model.signals]
     loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
+    learnt = [condition for session in model.origin.sessions for condition in session.conditions]
     facts = {
         **model.summary(),
+        "learnt": learnt_texts(learnt, model.units),
         "features": ", ".join(model.feature_set.names),
         "sample": ", ".join(model.loop_signals),
         "homings": list(model.origin.homing_ids),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain, product
 from numbers import Real
 from pathlib import PurePath
@@ -22,7 +23,9 @@ from pandas import DataFrame
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.compatibility import common_robot
+from truejoint.calibration.conditions import conditions_of
 from truejoint.errors import CalibrationError, RecordingError, unknown
+from truejoint.evaluation.conditions import unlike
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, by_recording
@@ -161,6 +164,9 @@ def evaluate(
             for recording, (_, own) in zip(recordings, judged, strict=True)
         ]
         verdict = rezero_remark(verdict, rmse(np.concatenate(plain_errors)), rezero)
+    tested = {n: conditions_of(r, joints) for n, r in zip(names, recordings, strict=True)}
+    learnt = [c for session in model.origin.sessions for c in session.conditions]
+    remarks = (*verdict.remarks, *unlike(learnt, tested, recordings[0].units))
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -176,7 +182,7 @@ def evaluate(
         cartesian_note=note,
         worst=worst_stretches(rows, errors[chosen], verdict.joints),
         rezero=rezero,
-        verdict=verdict,
+        verdict=replace(verdict, remarks=remarks),
         check=check,
         domain=domain,
         comparisons=comparisons,
