@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -20,7 +21,16 @@ from scipy.optimize import nnls
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration import compatibility, fit_task
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.folds import FEW, FOLDS, GAP, Fold, folds, hidden_rows
+from truejoint.calibration.folds import (
+    FEW,
+    FOLDS,
+    GAP,
+    SORTED_FROM,
+    Fold,
+    folds,
+    hidden_rows,
+    inside,
+)
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error, known_error
@@ -43,7 +53,6 @@ from truejoint.robots import Robot
 GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which zeros of recordings must be better,
 _ERRORS: Final = 2.0  # and standard errors of that mean
 _EQUAL: Final = 0.02  # of the least expected error, by which the linear model may be worse
-_MEAN: Final = 0.05  # of it, by which a mean of several may be worse than one alone
 FITTED_ROWS: Final = 6_000  # that a fit for the choice uses, at most
 MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
 _TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
@@ -53,6 +62,7 @@ _LEAST_FOLDS: Final = 3  # that are judged, whatever they take
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _FORCES: Final = ("effort", "current")  # what tells more than where a joint is
 _BEARS: Final = 1.5  # times the least error that a model which holds under loads may have
+_INSIDE: Final = 0.2  # weight of all folds within recordings beside those of whole ones
 _BELIEF: Final = 0.3  # weight of what is believed of a mean beside what is left out
 _FIRM: Final = 1e3  # weight of the sum of 1
 _LEAST: Final = 0.05  # weight, below which a member is left out
@@ -114,7 +124,8 @@ class CrossValidation:
 
         A history that starts in a row that is left out starts in the next.
         """
-        self.parts, self.candidates, self.products = parts, list(candidates), list[Array]()
+        self.parts, self.candidates = parts, list(candidates)
+        self.folds, self.products = list[Fold](), list[Array]()
         self.features: FeatureSet = parts[0].feature_set
         self._starts, rows = np.cumsum([0, *map(len, parts)]), list[Integers]()
         targets = [part.fitted_targets("error") for part in parts]
@@ -170,6 +181,21 @@ class CrossValidation:
         return sum(candidate.is_simple for candidate in self.candidates)
 
     @property
+    def fold_weights(self) -> Array:
+        """Weights (n_folds,): folds inside recordings have a fifth, where there are whole ones."""
+        is_inside = np.array([fold.is_inside for fold in self.folds])
+        n_inside, n_beyond = np.count_nonzero(is_inside), np.count_nonzero(~is_inside)
+        if not n_inside or not n_beyond:
+            return np.ones(len(self.folds))
+        return np.where(is_inside, _INSIDE / n_inside, (1.0 - _INSIDE) / n_beyond)
+
+    def expected(self, squares: Array, yardstick: Array) -> Array:
+        """Weighted mean over folds, the first axis, of the root of `squares` over the yardstick."""
+        return np.asarray(
+            np.average(relative_error(squares, yardstick), axis=0, weights=self.fold_weights)
+        )
+
+    @property
     def alone(self) -> Array:
         """Mean square error (n_folds, n_candidates, n_joints), NaN where one was not tried."""
         return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
@@ -197,7 +223,7 @@ class CrossValidation:
         bearing = np.array([c.bears_load and self.stands(c) for c in self.candidates])
         if bearing.any():
             squares = np.where(eligible & np.isfinite(self.alone), self.alone, np.inf)
-            expected = relative_error(squares, self.yardstick[:, None])
+            expected = self.expected(squares, self.yardstick[:, None])
             has_one = expected[bearing].min(axis=0) <= _BEARS * expected.min(axis=0)
             eligible &= ~has_one | bearing[:, None]
         return eligible
@@ -215,7 +241,8 @@ class CrossValidation:
         folds = [number for number in range(len(self.products)) if number != without] or [0]
         least = np.nanmin(np.where(self.usable, self.alone[folds], np.inf), axis=1)
         scales = np.maximum(least, _TINY)[:, :, None, None]
-        relative = np.mean(np.array(self.products)[folds] / scales, axis=0)
+        relative = np.array(self.products)[folds] / scales
+        relative = np.average(relative, axis=0, weights=self.fold_weights[folds])
         for number, candidate in enumerate(self.candidates):
             is_raw = isinstance(candidate.model, Raw)  # an offset is one anyhow
             if is_raw or not self.stands(candidate):
@@ -227,35 +254,31 @@ class CrossValidation:
     def combined(self) -> tuple[Array, Array]:
         """Weights (n_candidates, n_joints) of the least expected error, and its squares.
 
-        Of a mean, each fold (n_folds, n_joints) judged with the weights of the others, or of one
-        candidate. The error that is expected is the mean over the folds of the error relative to
-        that of the best simple model there. Where that is hardly worse, the linear model is taken
-        before all others, and a mean, which leans on no single one, before one alone. Raw position
-        and offset are only where every correction does harm (`is_harmed`).
+        Each fold (n_folds, n_joints) is judged with the weights of the others. The error that is
+        expected is the mean over the folds of the error relative to that of the best simple model
+        there. Where that is hardly worse, the linear model is taken before a mean. Raw position and
+        offset are only where every correction does harm (`is_harmed`).
         """
-        eligible, alone, weights = self.eligible, self.alone, self.weights()
+        eligible, weights = self.eligible, self.weights()
         errors = np.empty((len(self.products), weights.shape[1]))
         for fold, products in enumerate(self.products):
             w = self.weights(without=fold)
             weighs = w.T[:, :, None] * w.T[:, None, :] > 0.0  # the others may be NaN
             errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, products, 0.0), w)
-        members = [k for k, c in enumerate(self.candidates) if self.stands(c)]
+        simple = [k for k in range(self.n_simple) if self.stands(self.candidates[k])]
         for joint, yardstick in enumerate(self.yardstick.T):
-            numbers = [k for k in members if eligible[k, joint]]
-            options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
-            squares = np.column_stack([alone[:, numbers, joint], errors[:, joint]])
-            expected, mean = relative_error(squares, yardstick[:, None]), len(numbers)
-            names = [self.candidates[k].model.name for k in numbers]
-            learnt = [*(name not in (RAW, OFFSET) for name in names), True]
-            best = int(np.argmin(np.where(learnt, expected, np.inf)))
-            least, idle = expected[best], int(np.argmin(expected))
-            if not learnt[idle] and is_harmed(squares[:, [best, idle]], yardstick):
-                best = idle
-            elif numbers[0] == 0 and expected[0] <= (1.0 + _EQUAL) * least:
+            numbers = [k for k in simple if eligible[k, joint]]
+            squares = np.column_stack([self.alone[:, numbers, joint], errors[:, joint]])
+            expected, best = self.expected(squares, yardstick[:, None]), len(numbers)
+            least = int(np.argmin(expected))
+            if 0 in numbers and expected[0] <= (1.0 + _EQUAL) * expected[best]:
                 best = 0
-            elif expected[mean] <= (1.0 + _MEAN) * least or self.belief.any():
-                best = mean
-            weights[:, joint], errors[:, joint] = options[best], squares[:, best]
+            is_idle = least < len(numbers) and numbers[least] > 0  # raw position or offset
+            if is_idle and is_harmed(squares[:, [best, least]], yardstick):
+                best = least
+            if best < len(numbers):
+                weights[:, joint], errors[:, joint] = 0.0, squares[:, best]
+                weights[numbers[best], joint] = 1.0
         return weights, errors
 
     def give_up_hopeless(self) -> None:
@@ -323,7 +346,8 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
         candidate.seconds += time.process_time() - began
     untried = np.full((len(test), table.targets.shape[1]), np.nan)
     errors = np.array([candidate.errors.get(number, untried) for candidate in table.candidates])
-    is_new = number == len(table.products)
+    if is_new := number == len(table.products):
+        table.folds.append(fold)
     table.products[number:] = [
         np.einsum("mnj,pnj->jmp", errors, errors) / len(test), *table.products[number + 1 :]
     ]  # fmt: skip
@@ -461,9 +485,8 @@ def is_harmed(squares: Array, yardstick: Array) -> bool:
 
 
 def relative_error(squares: Array, yardstick: Array) -> Array:
-    """Mean over folds, the first axis, of the root of `squares` over that of the yardstick."""
-    ratios = np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)
-    return np.asarray(np.sqrt(ratios).mean(axis=0))
+    """Root of `squares` over that of the yardstick."""
+    return np.asarray(np.sqrt(np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -563,9 +586,13 @@ def choose(
 
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
+    if FEW <= len(recordings) < SORTED_FROM and not any(fold.is_inside for fold in left_out):
+        with suppress(CalibrationError):  # parts of few rows
+            left_out += inside(recordings, range(len(recordings)))
     say = automatic.say(progress)
     ends = time.process_time() + _CHOICE_SHARE * automatic.seconds
-    judged = _validated(table, left_out, ends, fit_task.within(say, 0.0, share))
+    _validate(table, left_out, ends, fit_task.within(say, 0.0, share))
+    judged = table.folds
     chosen = table.combined()
     if tries_rates and len(judged) > 1 and time.process_time() < ends:
         for number in np.flatnonzero(
@@ -642,23 +669,18 @@ def _candidates(
     return list(tried.values())
 
 
-def _validated(
-    table: CrossValidation, left_out: Sequence[Fold], ends: float, say: Say
-) -> list[Fold]:
-    """Fill the table until a time `ends` [s of the process]; give the folds that it has."""
-    judged = list[Fold]()
+def _validate(table: CrossValidation, left_out: Sequence[Fold], ends: float, say: Say) -> None:
+    """Fill the table until a time `ends` [s of the process]."""
     for number, fold in enumerate(left_out):
         more = len(left_out) - number
-        if judged and not table.keep_within(ends - time.process_time(), more):
+        if table.folds and not table.keep_within(ends - time.process_time(), more):
             break
         try:
             share = fit_task.within(say, number / len(left_out), 1.0 / len(left_out))
-            cross_validate(table, len(judged), fold, share)
-            judged.append(fold)
+            cross_validate(table, len(table.folds), fold, share)
         except CalibrationError:
-            if fold is left_out[-1] and not judged:
+            if fold is left_out[-1] and not table.folds:
                 raise
-    return judged
 
 
 def _estimator(
@@ -704,8 +726,12 @@ def _evidence(
             "note": together or candidate.note or candidate.lacking,
             **(_errors(alone[judged, number], alone[judged, 0], joints) if judged else {}),
         })  # fmt: skip
-    median = by_joint(joints, np.median(square, axis=0, keepdims=True))
+    is_inside = np.array([fold.is_inside for fold in table.folds])
+    beyond = square[~is_inside] if not is_inside.all() else square
+    median = by_joint(joints, np.median(beyond, axis=0, keepdims=True))
     chosen = {**_errors(square, alone[:, 0], joints), "median": median}
+    for name, part in (("inside", is_inside), ("beyond", ~is_inside)):
+        chosen |= {name: by_joint(joints, square[part])} if part.any() else {}
     return {"reference": LINEAR, "chosen": chosen, "tried": tried}
 
 

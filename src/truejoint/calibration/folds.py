@@ -46,6 +46,7 @@ class Fold:
 
     name: str
     parts: tuple[Part, ...]
+    is_inside: bool = False  # whether the fit sees other parts of the same recordings
 
     @property
     def recordings(self) -> list[int]:
@@ -128,6 +129,14 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
     ]
 
 
+def inside(recordings: Sequence[Recording], numbers: Sequence[int]) -> list[Fold]:
+    """Leave out fifths of the time in motion, of recordings of these numbers all at once."""
+    shares = blocks([recordings[i] for i in numbers], FOLDS, in_motion=True)
+    parts = [replace(share, recording=numbers[share.recording]) for share in shares]
+    units = [tuple(parts[k::FOLDS]) for k in range(FOLDS)]
+    return [Fold(f"time {k + 1}", unit, is_inside=True) for k, unit in enumerate(units)]
+
+
 def enough_beside(recordings: Sequence[Recording], groups: Sequence[Sequence[int]]) -> Mask:
     """Beside which groups (n_groups,) of recordings a fit sees a fifth of the time in all."""
     times = np.array([recording.duration for recording in recordings])
@@ -150,9 +159,7 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     enough = enough_beside(recordings, [[part.recording] for part in parts])
     if len(recordings) < FEW or not enough.all():
         cut = range(len(recordings)) if len(recordings) < FEW else np.flatnonzero(~enough).tolist()
-        shares = blocks([recordings[i] for i in cut], FOLDS, in_motion=True)
-        shares = [replace(share, recording=cut[share.recording]) for share in shares]
-        left_out = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
+        left_out = inside(recordings, cut)
     whole = [part for part in parts if enough[part.recording]]
     if len(recordings) < FEW:
         return left_out + dealt([[part] for part in whole], "recordings")

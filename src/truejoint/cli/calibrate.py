@@ -185,7 +185,10 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         return [name, n_features, ratio, *cells, took, of.get("note", "")]
 
     rows = [row(candidate["estimator"], candidate) for candidate in choice["tried"]]
-    rows.append(row("chosen", choice["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
+    chosen = choice["chosen"]
+    rows.append(row("chosen", chosen | {"seconds": fitted.metadata["fit_seconds"]}))
+    for where in ("inside", "beyond"):  # what was learnt: parts of recordings, and whole ones
+        rows += [row(f"chosen, {where}", {"rmse": chosen[where]})] if where in chosen else []
     header = ["estimator", "features", f"to {choice['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in columns]
     if choice["not_in_all"]:
