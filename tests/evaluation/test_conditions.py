@@ -40,7 +40,10 @@ def remarks(model, *tested):
         ({"force": 0.5}, "jaw has smaller efforts than in training in c: 0.3536 Nm, learnt 0.70"),
         ({"force": 2.0}, "jaw has larger efforts than in training in c: 1.414 Nm, learnt 0.70"),
         ({"slope": 1.07}, "has a smaller slope of truth over measured than in training in c: 1.07"),
-        ({"slope": 1.15}, "jaw has a larger slope of truth over measured than in training in c: 1."),
+        (
+            {"slope": 1.15},
+            "jaw has a larger slope of truth over measured than in training in c: 1.",
+        ),
     ],
 )
 def test_each_condition_beyond_the_training_is_named_alone(model, change, text):

@@ -62,7 +62,6 @@ _LEAST_FOLDS: Final = 3  # that are judged, whatever they take
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _FORCES: Final = ("effort", "current")  # what tells more than where a joint is
 _BEARS: Final = 1.5  # times the least error that a model which holds under loads may have
-_INSIDE: Final = 0.2  # weight of all folds within recordings beside those of whole ones
 _BELIEF: Final = 0.3  # weight of what is believed of a mean beside what is left out
 _FIRM: Final = 1e3  # weight of the sum of 1
 _LEAST: Final = 0.05  # weight, below which a member is left out
@@ -181,21 +180,6 @@ class CrossValidation:
         return sum(candidate.is_simple for candidate in self.candidates)
 
     @property
-    def fold_weights(self) -> Array:
-        """Weights (n_folds,): folds inside recordings have a fifth, where there are whole ones."""
-        is_inside = np.array([fold.is_inside for fold in self.folds])
-        n_inside, n_beyond = np.count_nonzero(is_inside), np.count_nonzero(~is_inside)
-        if not n_inside or not n_beyond:
-            return np.ones(len(self.folds))
-        return np.where(is_inside, _INSIDE / n_inside, (1.0 - _INSIDE) / n_beyond)
-
-    def expected(self, squares: Array, yardstick: Array) -> Array:
-        """Weighted mean over folds, the first axis, of the root of `squares` over the yardstick."""
-        return np.asarray(
-            np.average(relative_error(squares, yardstick), axis=0, weights=self.fold_weights)
-        )
-
-    @property
     def alone(self) -> Array:
         """Mean square error (n_folds, n_candidates, n_joints), NaN where one was not tried."""
         return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
@@ -223,7 +207,7 @@ class CrossValidation:
         bearing = np.array([c.bears_load and self.stands(c) for c in self.candidates])
         if bearing.any():
             squares = np.where(eligible & np.isfinite(self.alone), self.alone, np.inf)
-            expected = self.expected(squares, self.yardstick[:, None])
+            expected = relative_error(squares, self.yardstick[:, None])
             has_one = expected[bearing].min(axis=0) <= _BEARS * expected.min(axis=0)
             eligible &= ~has_one | bearing[:, None]
         return eligible
@@ -241,8 +225,7 @@ class CrossValidation:
         folds = [number for number in range(len(self.products)) if number != without] or [0]
         least = np.nanmin(np.where(self.usable, self.alone[folds], np.inf), axis=1)
         scales = np.maximum(least, _TINY)[:, :, None, None]
-        relative = np.array(self.products)[folds] / scales
-        relative = np.average(relative, axis=0, weights=self.fold_weights[folds])
+        relative = np.mean(np.array(self.products)[folds] / scales, axis=0)
         for number, candidate in enumerate(self.candidates):
             is_raw = isinstance(candidate.model, Raw)  # an offset is one anyhow
             if is_raw or not self.stands(candidate):
@@ -269,7 +252,7 @@ class CrossValidation:
         for joint, yardstick in enumerate(self.yardstick.T):
             numbers = [k for k in simple if eligible[k, joint]]
             squares = np.column_stack([self.alone[:, numbers, joint], errors[:, joint]])
-            expected, best = self.expected(squares, yardstick[:, None]), len(numbers)
+            expected, best = relative_error(squares, yardstick[:, None]), len(numbers)
             least = int(np.argmin(expected))
             if 0 in numbers and expected[0] <= (1.0 + _EQUAL) * expected[best]:
                 best = 0
@@ -485,8 +468,9 @@ def is_harmed(squares: Array, yardstick: Array) -> bool:
 
 
 def relative_error(squares: Array, yardstick: Array) -> Array:
-    """Root of `squares` over that of the yardstick."""
-    return np.asarray(np.sqrt(np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)))
+    """Mean over folds, the first axis, of the root of `squares` over that of the yardstick."""
+    ratios = np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)
+    return np.asarray(np.sqrt(ratios).mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -586,9 +570,6 @@ def choose(
 
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
-    if FEW <= len(recordings) < SORTED_FROM and not any(fold.is_inside for fold in left_out):
-        with suppress(CalibrationError):  # parts of few rows
-            left_out += inside(recordings, range(len(recordings)))
     say = automatic.say(progress)
     ends = time.process_time() + _CHOICE_SHARE * automatic.seconds
     _validate(table, left_out, ends, fit_task.within(say, 0.0, share))
@@ -607,8 +588,11 @@ def choose(
         for number, fold in enumerate(judged):
             cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
         chosen = table.combined()
+    inner = list[Array]()
+    if FEW <= len(recordings) < SORTED_FROM and not any(fold.is_inside for fold in judged):
+        inner = _inside_errors(table, chosen[0], recordings)
     say(1.0, "Fitting what was chosen")
-    evidence = _evidence(table, *chosen, names) | {
+    evidence = _evidence(table, *chosen, names, inner) | {
         "left_out": [fold.name for fold in judged],
         "not_in_all": [n for n in named if features is None and n not in usual.names],
         "not_judged": [fold.name for fold in left_out if fold not in judged],
@@ -683,6 +667,22 @@ def _validate(table: CrossValidation, left_out: Sequence[Fold], ends: float, say
                 raise
 
 
+def _inside_errors(
+    table: CrossValidation, weights: Array, recordings: Sequence[Recording]
+) -> list[Array]:
+    """Mean square errors (n_joints,) of what was chosen, without two fifths of the time in turn."""
+    squares = list[Array]()
+    with suppress(CalibrationError):  # parts of few rows
+        for fold in inside(recordings, range(len(recordings)))[1::2]:
+            training, test = table.split(fold)
+            error = np.zeros((len(test), weights.shape[1]))
+            for number in np.flatnonzero(weights.any(axis=1)).tolist():
+                predicted = _predict(table.candidates[number], table, training, test)
+                error += weights[number] * (table.targets[test] - predicted)
+            squares.append(np.mean(error**2, axis=0))
+    return squares
+
+
 def _estimator(
     table: CrossValidation, weights: Array, joints: Sequence[str]
 ) -> tuple[JointRegressor, FeatureSet, Target]:
@@ -705,9 +705,12 @@ def _estimator(
 
 
 def _evidence(
-    table: CrossValidation, weights: Array, square: Array, joints: Sequence[str]
-) -> dict[str, Any]:
+    table: CrossValidation, weights: Array, square: Array, joints: Sequence[str],
+    inner: Sequence[Array],
+) -> dict[str, Any]:  # fmt: skip
     """JSON values of what was tried and chosen; the first candidate is linear.
+
+    `inner` are mean squares (n_joints,) of what was chosen, on parts inside recordings.
 
     Errors are RMSE [rad or m] over folds and ratios to linear: of a candidate those of the folds
     that it was fitted without, as on others it has the error of a simple model.
@@ -726,12 +729,11 @@ def _evidence(
             "note": together or candidate.note or candidate.lacking,
             **(_errors(alone[judged, number], alone[judged, 0], joints) if judged else {}),
         })  # fmt: skip
-    is_inside = np.array([fold.is_inside for fold in table.folds])
-    beyond = square[~is_inside] if not is_inside.all() else square
-    median = by_joint(joints, np.median(beyond, axis=0, keepdims=True))
+    median = by_joint(joints, np.median(square, axis=0, keepdims=True))
     chosen = {**_errors(square, alone[:, 0], joints), "median": median}
-    for name, part in (("inside", is_inside), ("beyond", ~is_inside)):
-        chosen |= {name: by_joint(joints, square[part])} if part.any() else {}
+    is_inside = np.array([fold.is_inside for fold in table.folds])
+    for name, part in (("inside", [*square[is_inside], *inner]), ("beyond", square[~is_inside])):
+        chosen |= {name: by_joint(joints, np.array(part))} if len(part) else {}
     return {"reference": LINEAR, "chosen": chosen, "tried": tried}
 
 
