@@ -1,7 +1,8 @@
 """Compute the parts of a study, here or in a pool of processes, and keep each as it is done.
 
-A part on disk is a hash and NumPy's archive without pickle, named after study and arguments. It
-carries digests of the sources that made it, and counts for nothing once one of them has changed.
+A part on disk is a hash and NumPy's archive without pickle, named after function and arguments, so
+that studies share it. It carries digests of the sources that made it, and counts for nothing once
+one of them has changed.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ _ROWS: Final = "rows"
 _SOURCES: Final = "sources"
 _PACKAGE: Final = Path(truejoint.__file__).parent
 _HERE: Final = Path(__file__).parent
+_IDLE: Final = ("truejoint.cli", "truejoint.studies.claim_tests")  # which compute nothing
 _DATA: Final = (".toml", ".csv")
 _DIGEST: Final = 32  # bytes of a SHA-256
 _ARRAY: Final = "array/"
@@ -112,7 +114,8 @@ def run_study(
     seed : int
     folder : str or Path, optional
         Folder in which parts are kept, in ``parts/``, as they are done, and taken from when the
-        study is run again with the same sources; nothing is kept by default.
+        study, or another with the same part, is run with the same sources; nothing is kept by
+        default.
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
         must stand behind ``if __name__ == "__main__":``.
@@ -143,7 +146,7 @@ def run_study(
     parts = chosen.parts(settings)
     with TemporaryDirectory() as temporary:
         place = Path(folder or temporary) / "parts"
-        files = {part.key: part_file(place, chosen, part) for part in parts}
+        files = {part.key: part_file(place, part) for part in parts}
         if not len(files) == len(parts) > 0:
             raise StudyError(f"{chosen.name}: no parts, or two of one key")
         before = {part.key: read_part(files[part.key]) for part in parts}
@@ -221,12 +224,12 @@ def _sources(module: str) -> dict[str, str]:
     """Digests of a module, of every file of truejoint that this process runs, and of their data.
 
     Modules are imported when they are needed, so those that are there are those that made a result,
-    and more where the process did something before. The command line computes nothing.
+    and more where the process did something before.
     """
     files = [
         Path(str(loaded.__file__))
         for name, loaded in list(sys.modules.items())
-        if name.partition(".")[0] == "truejoint" and not name.startswith("truejoint.cli")
+        if name.partition(".")[0] == "truejoint" and not name.startswith(_IDLE)
         if getattr(loaded, "__file__", None)
     ]
     data = {
@@ -253,9 +256,10 @@ def _is_current(part: PartResult | None) -> bool:
     )
 
 
-def part_file(folder: Path, study: Study, part: Part) -> Path:
-    """Where a part is kept: another argument or seed is another file."""
-    origin = (study.name, part.key, part.arguments)
+def part_file(folder: Path, part: Part) -> Path:
+    """Where a part is kept: another function, argument or seed is another file."""
+    function = f"{part.compute.__module__}.{part.compute.__name__}"
+    origin = (function, part.key, part.arguments)
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
     return folder / f"{part.key}-{digest[:16]}.part"
 

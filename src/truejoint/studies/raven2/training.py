@@ -11,6 +11,7 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.estimators import NeuralNetwork
+from truejoint.estimators.family import TARGETS
 from truejoint.motion import DIRECTIONS
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import default_unit
@@ -20,7 +21,16 @@ from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
 from truejoint.studies.rows import select
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import (
+    CLAIMS,
+    Part,
+    Results,
+    Rows,
+    Settings,
+    Statement,
+    Summary,
+    get_study,
+)
 
 FITTED_TO: Final = ("J1", "J2-J3")
 """Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
@@ -154,11 +164,13 @@ DIRECTIONS_CLAIMS: Final = (
 )  # fmt: skip
 
 
-def sparsity_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen and repetition."""
-    test = {"seconds": 60.0 * settings["minutes"]}
-    names = ("sets", "networks")
-    return s.part_for_each(settings, s.calibrate_once, 200_000, *names, more=test, count="repeats")
+def of_endurance(settings: Settings) -> Sequence[Part]:
+    """Give the parts of the study of endurance, whose unloaded hours other studies judge, too."""
+    endurance = get_study("endurance")
+    return endurance.parts(endurance.settings(settings.preset, settings.seed, settings.options))
+
+
+sparsity_parts = targets_parts = of_endurance
 
 
 def by_length(rows: DataFrame) -> DataFrame:
@@ -175,8 +187,8 @@ def by_length(rows: DataFrame) -> DataFrame:
 
 @tables.by_specimen
 def sparsity_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
-    """Figure 5, its numbers, and what the paper says of them."""
-    rows = by_length(rows)
+    """Figure 5, its numbers, and what the paper says of them, by the first hour."""
+    rows = by_length(select(rows, work=s.UNLOADED, hour=0, target=TARGETS[0]))
     seconds = rows.length.map("{:.0f} s".format)
     rows = rows.assign(condition=rows.set + ", " + seconds, place=rows.set + "\n" + seconds)
     name = f"peng2024 figure 5, specimen {title}"
@@ -232,20 +244,12 @@ SPARSITY_CLAIMS: Final = (
 )  # fmt: skip
 
 
-TARGETS: Final = ("error", "position")
-
-
-def targets_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen and session."""
-    names = ("sets", "networks", "hours")
-    return s.part_for_each(settings, s.calibrate_once, 500_000, *names, more={"targets": TARGETS})
-
-
 @tables.by_specimen
 def targets_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     """Table II beside the paper's."""
     hours = results.settings["hours"]
     notes = (f"Mean over {hours} hours of unloaded work and all trainings.", claims.RULE)
+    rows = select(rows, work=s.UNLOADED)
     rows = rows.assign(condition=rows.target)
     name = f"peng2024 Table II, specimen {title}"
     table = tables.accuracy_table(name, rows, s.MODELS, _TABLE_2, notes)
@@ -319,13 +323,12 @@ def fit_both(
         if WIDE in models and text == longest:
             network = NeuralNetwork(_LARGE, weight_decay=1e-4)
             every[WIDE] = [s.model_of(group, network, features=names, fit_rate=_FIT_RATE)]
-        for kind, fitted in (
-            (SELECTED, s.fitted(group, networks, seed)),
-            (NO_TORQUES, s.fitted(group, networks, seed, features=positions)),
-            (NO_POSITIONS, s.fitted(group, networks, seed, features=torques)),
-            (TIMELESS, s.fitted(group, 0, seed, features=timeless)),
-            (ALL, every),
-        ):
+        kinds = {SELECTED: s.fitted(group, networks, seed), ALL: every}
+        if text == longest:  # on which claims are judged
+            kinds[NO_TORQUES] = s.fitted(group, networks, seed, features=positions)
+            kinds[NO_POSITIONS] = s.fitted(group, networks, seed, features=torques)
+            kinds[TIMELESS] = s.fitted(group, 0, seed, features=timeless)
+        for kind, fitted in kinds.items():
             labels = {"kind": kind, "set": text, "seconds": s.seconds_of(group)}
             rows += s.judged(fitted, test, inputs=len(names), **labels)
     return rows
