@@ -282,9 +282,7 @@ def read_part(path: Path) -> PartResult | None:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = {name.removeprefix(_ARRAY): archive[name] for name in archive.files}
-    none = np.frombuffer(b"{}", np.uint8)  # of a part that an earlier truejoint wrote
-    texts = arrays.pop(_ROWS), arrays.pop(_SOURCES, none)
-    rows, sources = (json.loads(text.tobytes()) for text in texts)
+    rows, sources = (json.loads(arrays.pop(name).tobytes()) for name in (_ROWS, _SOURCES))
     return PartResult(rows, arrays, sources)
 
 

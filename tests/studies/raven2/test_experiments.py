@@ -66,7 +66,7 @@ def test_errors_are_those_of_the_models_on_rows_with_truth(session):
 
 @pytest.fixture(scope="module")
 def table_1():
-    options = {"directions": "J1,J2-J3", "fine": "1+2", "coarse": "1", "minutes": 0.2}
+    options = {"directions": "J1,J2-J3", "fine": "1+2", "minutes": 0.2}
     return run_study("directions", ONE | options)
 
 

@@ -75,24 +75,22 @@ def part_for_each(
     more: Mapping[str, Any] = NOTHING,
     cases: Mapping[str, Mapping[str, Any]] = ONE_CASE,
     chosen: Sequence[str] | None = None,
-    same_arm: bool = False,
 ) -> list[Part]:
     """Part of every specimen, session and case, labelled by these.
 
     `compute` is called with a specimen ``raven``, an arm's ``seed``, the options `names`, `more`,
-    and what the case adds. `offset` keeps the arms' seeds from those of other studies. The cases
-    of a session have one arm with `same_arm`; which of them are `chosen` changes no seed.
+    and what the case adds. `offset` keeps the arms' seeds from those of other studies;
+    which cases are `chosen` changes no seed.
     """
     common = {name: settings[name] for name in names} | dict(more)
     for text in common.get("sets", ()):
         combination(text)
     first = offset + STUDY_SEED * settings.seed
-    step = 1 if same_arm else len(cases)
     return [
         Part(
             f"{title}-{case}-{session}" if case else f"{title}-{session}",
             compute,
-            {"raven": raven, "seed": first + step * session + n % step, **common, **arguments},
+            {"raven": raven, "seed": first + len(cases) * session + n, **common, **arguments},
             {"specimen": title, "session": session, "case": case},
         )
         for title, raven in specimens(settings["specimens"]).items()

@@ -41,8 +41,8 @@ def directions_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, direction and session."""
     settings.check_names("direction", "directions", _NAMES)
     # Every direction has an arm, a homing and a test of its own, as in the paper.
-    sets = [settings["fine"], settings["coarse"]]
-    more, chosen = {"sets": sets, "seconds": 60.0 * settings["minutes"]}, settings["directions"]
+    more = {"sets": [settings["fine"]], "seconds": 60.0 * settings["minutes"]}
+    chosen = settings["directions"]
     cases = {name: {"direction": name} for name in _NAMES}
     return s.part_for_each(
         settings, s.calibrate_once, 0, "networks", more=more, cases=cases, chosen=chosen
@@ -59,7 +59,6 @@ def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary
     """Table I beside the paper's, and what it says of directions."""
     settings, chosen = results.settings, results.settings["directions"]
     rows = tables.in_order(rows.assign(condition=rows.case), "condition", chosen)
-    fine, coarse = (select(rows, set=settings[kind]) for kind in ("fine", "coarse"))
     name = f"peng2024 Table I, specimen {title}"
     of_groups = {
         "J1, J2-J3": [direction for direction in chosen if direction in FITTED_TO],
@@ -67,24 +66,21 @@ def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary
     }
     made = (
         tables.accuracy_table(
-            f"{name}, trained on {settings['fine']}", fine, s.METHODS, _printed,
+            f"{name}, trained on {settings['fine']}", rows, s.METHODS, _printed,
             (tables.ZIGZAGS, claims.RULE),
         ),
         tables.percent_table(
-            f"Share of the fixed offset's error, specimen {title}", fine, _printed
-        ),
-        tables.accuracy_table(
-            f"The same trained on {settings['coarse']}, specimen {title}", coarse, s.METHODS
+            f"Share of the fixed offset's error, specimen {title}", rows, _printed
         ),
         tables.ratio_table(
-            f"RMSE over the paper's, specimen {title}", fine, of_groups, s.METHODS, _printed
+            f"RMSE over the paper's, specimen {title}", rows, of_groups, s.METHODS, _printed
         ),
     )  # fmt: skip
     caption = "RMSE on a random motion by direction of the zig-zags."
-    drawn = select(fine, method=s.CORRECTED)
+    drawn = select(rows, method=s.CORRECTED)
     figure = tables.joint_boxes(name, drawn, caption, "condition")
     judged = DIRECTIONS_CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
-    stated = [claim.judged(fine, title) for claim in judged]
+    stated = [claim.judged(rows, title) for claim in judged]
     return Summary(made, {f"directions-{title}": figure}, stated)
 
 
@@ -134,7 +130,6 @@ def _percents(shares: Array) -> str:
 
 
 _NETWORK, _LINEAR, _OFFSET = ({"method": method} for method in (*s.TWO, "offset"))
-_TABLE: Final = "peng2024, Table I"
 _ON_BEST: Final = {"condition": s.BEST}
 _ROWS: Final = ("network", "polynomial", "linear", "offset", "raw")
 DIRECTIONS_CLAIMS: Final = (
