@@ -25,7 +25,7 @@ from truejoint.studies.claim_tests import RULE, mostly, ordered
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.methods import settled
 from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals, tensioned
-from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select, unique
+from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, quantiles, select, unique
 from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summary
 
 LEVEL: Final = 0.9
@@ -63,10 +63,12 @@ def judge(
     methods: Sequence[str],
     motion: str,
     homing_deviation: float,
-    loads: Sequence[tuple[float, str]],
+    loads: Sequence[tuple[Any, ...]],
     number: int,
 ) -> Rows:
     """Calibrate methods on one motion; judge them on (28), and in phase IV of each load.
+
+    A load is a mass [g] and a direction; one with a rate [Hz] swings all along (28) instead.
 
     The specimen is homed anew in between: its cable encoders' zeros vary by `homing_deviation` [m].
     Its `number` is the seed of its noise and homing, and of the hands that hang the weights [g].
@@ -77,11 +79,16 @@ def judge(
     models = m.calibrated(plant, tuple(methods), number, motion)
     inside = covered(models, run, m.SETTLED) if loads else None
     rows = m.errors(m.judge(models, run), load=UNLOADED, inside=inside)
-    for mass, direction in loads:
-        test = load_test(1e-3 * mass, direction, quick=True, end=17.0)
-        hung = record(plant, test, seed=100 * number + round(mass))
-        first, last = test.phases["IV"]
-        labels = {"load": f"{mass:g} g {direction}", "inside": covered(models, hung, first)}
+    for mass, direction, *rate in loads:
+        if rate:  # it swings all the time, or is steady
+            load = SwingingLoad(1e-3 * mass, rate[0], direction == "opening")
+            hung = record(plant, "verification", seed=2 * number + 1, load=load)
+            first, last, name = m.SETTLED, math.inf, f"{rate[0]:g} Hz, {direction}"
+        else:
+            test = load_test(1e-3 * mass, direction, quick=True, end=17.0)
+            hung = record(plant, test, seed=100 * number + round(mass))
+            (first, last), name = test.phases["IV"], f"{mass:g} g {direction}"
+        labels = {"load": name, "inside": covered(models, hung, first)}
         rows += m.errors(m.judge(models, hung), first, last, **labels)
     return rows
 
@@ -206,50 +213,32 @@ def tension_summary(results: Results) -> Summary:
 
 
 def swinging_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen."""
+    """One a specimen; at 0 Hz a load is steady."""
     settings.check_names("method", "methods", m.METHODS)
-    mass, ways = settings["mass_g"] / 1e3, product((0.0, *settings["swings_hz"]), (False, True))
-    loads = {  # arguments of `SwingingLoad`
-        f"{f'{rate:g} Hz' if rate else 'steady'}, {'opening' if opens else 'shutting'}":
-        (mass, rate, opens) for rate, opens in ways
-    }  # fmt: skip
-    common = {"methods": settings["methods"], "loads": {UNLOADED: (0.0, 0.0, False), **loads}}
-    drawn = population(settings["count"], settings.seed, settings["prior"])
+    rates = (0.0, *settings["swings_hz"])
+    loads = list(product([settings["mass_g"]], ("shutting", "opening"), rates))
+    common = {"methods": settings["methods"], "motion": "calibration", "homing_deviation": 0.0}
     return [
-        Part(f"swung-{n}", swing, {"forceps": p.to_dict(), "number": n, **common}, {"session": n})
-        for n, p in enumerate(drawn)
-    ]
-
-
-def swing(
-    forceps: Plain,
-    methods: Sequence[str],
-    loads: Mapping[str, tuple[float, float, bool]],
-    number: int,
-) -> Rows:
-    """Calibrate methods unloaded on (27), and judge them on (28) while loads swing at the tip."""
-    plant, rows = ForcepsParameters.from_dict(forceps), Rows()
-    models = m.calibrated(plant, tuple(methods), number)
-    for name, load in loads.items():
-        run = record(plant, "verification", seed=2 * number + 1, load=SwingingLoad(*load))
-        rows += m.errors(m.judge(models, run), m.SETTLED, load=name)
-    return rows
+        Part(
+            f"swung-{n:05d}", judge,
+            {"forceps": p.to_dict(), "number": n, "loads": loads, **common}, {"session": n},
+        )
+        for n, p in enumerate(population(settings["count"], settings.seed, settings["prior"]))
+    ]  # fmt: skip
 
 
 def swinging_summary(results: Results) -> Summary:
     """Errors by load and method, and whether our default's are below those of the paper's."""
-    settings = results.settings
-    rows, titles = results.rows, results.rows.method.map(m.TITLES)
-    rows = rows.assign(rmse=np.degrees(rows.rms), name=titles)
-    by = rows.groupby(["load", "name"], sort=False).rmse
-    texts = by.median().map("{:.3f}".format) + " (" + by.max().map("{:.3f}".format) + ")"
+    settings, rows = results.settings, results.rows
+    rows = rows.assign(rmse=np.degrees(rows.rms), name=rows.method.map(m.TITLES))
     note = (
         "RMS error in degrees on (28) against the reference encoder, median (worst) of "
         f"{settings['count']} specimens of seed {settings.seed}, prior {settings['prior']}; the "
         f"load goes between nothing and {settings['mass_g']:g} g, no loop corrects the motor."
     )
-    table = frame_table("Loads that swing", texts.unstack(), (note, RULE), head="load")
-    swung = [name for name in unique(rows, "load") if "Hz" in name]
+    texts = median_texts(rows, ["load", "name"], "rmse", 3)
+    table = frame_table("Loads that swing", texts, (note, RULE), head="load")
+    swung = [name for name in unique(rows, "load") if name != UNLOADED and name[0] != "0"]
     low, high = ({"method": name} for name in (m.BEST, m.PAPERS_BEST))
     claim = ordered(CLAIMS["swinging"], low, high, load=swung)
     judged = {m.BEST, m.PAPERS_BEST} <= set(rows.method) and swung
