@@ -2,6 +2,12 @@
 
 import os
 import re
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -68,3 +74,32 @@ def test_a_scheduler_that_cannot_be_reached_is_one_line(toy, monkeypatch, addres
     with pytest.raises(StudyError, match="no scheduler at") as refused:
         run_study(toy.study, cluster=address)
     assert "\n" not in str(refused.value)
+
+
+def test_a_scheduler_that_dies_is_one_line(monkeypatch, capfd):
+    monkeypatch.setattr(runner, "_ANSWER", 120.0)
+    monkeypatch.setattr(runner, "_PATIENCE", 120.0)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    host, port = address.removeprefix("tcp://").split(":")
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    scheduler = ["distributed.cli.dask_scheduler", "--host", host, "--port", port, "--no-dashboard"]
+    worker = [
+        "distributed.cli.dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+    ]
+    with ExitStack() as stack:
+        first, second = (
+            stack.enter_context(subprocess.Popen([sys.executable, "-m", *line], **quiet))  # noqa: S603
+            for line in (scheduler, worker)
+        )
+        stack.callback(second.kill)
+        stack.callback(first.kill)
+        with pytest.raises(StudyError, match="was lost; what is done is kept: run it again"):
+            list(runner.on_cluster(partial(os.kill, first.pid), [signal.SIGKILL], address))
+    assert capfd.readouterr() == ("", "")

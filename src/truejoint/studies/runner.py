@@ -311,7 +311,9 @@ def on_cluster(
     a task again and again; TruejointError if Dask is not installed.
     """
     distributed = require("distributed", "cluster", "a cluster")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # one line says what went wrong
+    for logger in [*logging.root.manager.loggerDict]:  # several of Dask have levels of their own
+        if logger.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(logger).setLevel(logging.CRITICAL)  # one line says what went wrong
     if not address:
         raise StudyError("no scheduler at ''; give its address, such as tcp://10.0.0.5:8786")
     try:
