@@ -113,9 +113,9 @@ def run_study(
     preset : {"full", "small"}
     seed : int
     folder : str or Path, optional
-        Folder in which parts are kept, in ``parts/``, as they are done, and taken from when the
-        study, or another with the same part, is run with the same sources; nothing is kept by
-        default.
+        Folder in which parts are kept, in ``parts/``, as they are done; nothing is kept by default.
+        A study that is run again takes them if the sources are the same, and so does another study
+        with the same part.
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
         must stand behind ``if __name__ == "__main__":``.
