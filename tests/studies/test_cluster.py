@@ -2,6 +2,10 @@
 
 import os
 import re
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 
@@ -68,3 +72,37 @@ def test_a_scheduler_that_cannot_be_reached_is_one_line(toy, monkeypatch, addres
     with pytest.raises(StudyError, match="no scheduler at") as refused:
         run_study(toy.study, cluster=address)
     assert "\n" not in str(refused.value)
+
+
+KILLS = """
+import os, signal, sys
+from functools import partial
+from truejoint.studies import runner
+
+runner._ANSWER = runner._PATIENCE = 120.0
+try:
+    list(runner.on_cluster(partial(os.kill, int(sys.argv[1])), [signal.SIGKILL], sys.argv[2]))
+except runner.StudyError as error:
+    sys.exit(str(error))
+"""
+
+
+def test_a_scheduler_that_dies_is_one_line():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    address = f"tcp://127.0.0.1:{port}"
+    dask, bare = [sys.executable, "-m"], "--no-dashboard"
+    scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", port, bare]
+    worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", bare]
+    with ExitStack() as stack:
+        first, second = (
+            stack.enter_context(subprocess.Popen([*dask, *line], stderr=subprocess.DEVNULL))  # noqa: S603
+            for line in (scheduler, worker)
+        )
+        stack.callback(second.kill)
+        stack.callback(first.kill)
+        kills = [sys.executable, "-c", KILLS, str(first.pid), address]
+        said = subprocess.run(kills, capture_output=True, text=True, check=False)  # noqa: S603
+    lost = f"the scheduler at {address} was lost; what is done is kept: run it again\n"
+    assert (said.stdout, said.stderr) == ("", lost)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from truejoint.errors import StudyError
-from truejoint.studies import Part, PartResult, Study, run_study, runner
+from truejoint.studies import Part, PartResult, run_study, runner
 from truejoint.studies.runner import part_file, read_part, write_part
 
 
@@ -181,11 +181,15 @@ def test_objects_are_never_unpickled(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "arguments"), [("b", {"x": 1}), ("a", {"x": 1.5}), ("a", {"x": 1, "y": 0})]
+    ("key", "compute", "arguments"),
+    [
+        ("b", max, {"x": 1}),
+        ("a", min, {"x": 1}),
+        ("a", max, {"x": 1.5}),
+        ("a", max, {"x": 1, "y": 0}),
+    ],
 )
-def test_study_and_arguments_of_a_part_are_in_its_name(tmp_path, key, arguments):
-    study = Study("s", "", "", "m")
-    one = part_file(tmp_path, study, Part("a", max, {"x": 1}))
-    assert one == part_file(tmp_path, study, Part("a", max, {"x": 1}))
-    assert one != part_file(tmp_path, study, Part(key, max, arguments))
-    assert one != part_file(tmp_path, replace(study, name="t"), Part("a", max, {"x": 1}))
+def test_function_and_arguments_of_a_part_are_in_its_name(tmp_path, key, compute, arguments):
+    one = part_file(tmp_path, Part("a", max, {"x": 1}))
+    assert one == part_file(tmp_path, Part("a", max, {"x": 1}, {"specimen": "labels are free"}))
+    assert one != part_file(tmp_path, Part(key, compute, arguments))

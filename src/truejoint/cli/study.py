@@ -46,7 +46,7 @@ def study(
     for study in studies:
         try:
             settings = study.settings(preset, seed, options)
-            made[study.name] = _made(study, settings, folder / study.name, where, force=force)
+            made[study.name] = _made(study, settings, folder, where, force=force)
         except TruejointError as error:
             if not several:
                 raise
@@ -74,20 +74,21 @@ def _named(name: str) -> list[Study]:
 
 
 def _made(
-    study: Study, settings: Settings, target: Path, where: Mapping[str, Any], *, force: bool
+    study: Study, settings: Settings, folder: Path, where: Mapping[str, Any], *, force: bool
 ) -> StudyResult:
     """Run a study where it is to be computed, and write what it leaves."""
     from truejoint.studies import page, runner
 
+    target = folder / study.name
     check_folder(target, error=StudyError)
     if not force:
         page.check_folder(study, settings, target)
-    common = {"preset": settings.preset, "seed": settings.seed, "folder": target, **where}
+    common = {"preset": settings.preset, "seed": settings.seed, "folder": folder, **where}
     try:
         with progress(f"Study {study.name}") as done:
             result = runner.run_study(study, settings.options, progress=done, **common)
     except KeyboardInterrupt:
-        say(f"Stopped; what is done is kept in {target}, and the same command goes on from there")
+        say(f"Stopped; what is done is kept in {folder}, and the same command goes on from there")
         raise
     files = page.write_study(result, target, command=command_line(), overwrite=force)
     aside = f" ({result.aside} of other sources left aside)" if result.aside else ""

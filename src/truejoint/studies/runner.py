@@ -1,7 +1,8 @@
 """Compute the parts of a study, here or in a pool of processes, and keep each as it is done.
 
-A part on disk is a hash and NumPy's archive without pickle, named after study and arguments. It
-carries digests of the sources that made it, and counts for nothing once one of them has changed.
+A part on disk is a hash and NumPy's archive without pickle, named after function and arguments, so
+that studies share it. It carries digests of the sources that made it, and counts for nothing once
+one of them has changed.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ _ROWS: Final = "rows"
 _SOURCES: Final = "sources"
 _PACKAGE: Final = Path(truejoint.__file__).parent
 _HERE: Final = Path(__file__).parent
+_IDLE: Final = ("truejoint.cli", "truejoint.studies.claim_tests")  # which compute nothing
 _DATA: Final = (".toml", ".csv")
 _DIGEST: Final = 32  # bytes of a SHA-256
 _ARRAY: Final = "array/"
@@ -111,8 +113,9 @@ def run_study(
     preset : {"full", "small"}
     seed : int
     folder : str or Path, optional
-        Folder in which parts are kept, in ``parts/``, as they are done, and taken from when the
-        study is run again with the same sources; nothing is kept by default.
+        Folder in which parts are kept, in ``parts/``, as they are done; nothing is kept by default.
+        A study that is run again takes them if the sources are the same, and so does another study
+        with the same part.
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
         must stand behind ``if __name__ == "__main__":``.
@@ -143,7 +146,7 @@ def run_study(
     parts = chosen.parts(settings)
     with TemporaryDirectory() as temporary:
         place = Path(folder or temporary) / "parts"
-        files = {part.key: part_file(place, chosen, part) for part in parts}
+        files = {part.key: part_file(place, part) for part in parts}
         if not len(files) == len(parts) > 0:
             raise StudyError(f"{chosen.name}: no parts, or two of one key")
         before = {part.key: read_part(files[part.key]) for part in parts}
@@ -221,12 +224,12 @@ def _sources(module: str) -> dict[str, str]:
     """Digests of a module, of every file of truejoint that this process runs, and of their data.
 
     Modules are imported when they are needed, so those that are there are those that made a result,
-    and more where the process did something before. The command line computes nothing.
+    and more where the process did something before.
     """
     files = [
         Path(str(loaded.__file__))
         for name, loaded in list(sys.modules.items())
-        if name.partition(".")[0] == "truejoint" and not name.startswith("truejoint.cli")
+        if name.partition(".")[0] == "truejoint" and not name.startswith(_IDLE)
         if getattr(loaded, "__file__", None)
     ]
     data = {
@@ -253,9 +256,10 @@ def _is_current(part: PartResult | None) -> bool:
     )
 
 
-def part_file(folder: Path, study: Study, part: Part) -> Path:
-    """Where a part is kept: another argument or seed is another file."""
-    origin = (study.name, part.key, part.arguments)
+def part_file(folder: Path, part: Part) -> Path:
+    """Where a part is kept: another function, argument or seed is another file."""
+    function = f"{part.compute.__module__}.{part.compute.__name__}"
+    origin = (function, part.key, part.arguments)
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
     return folder / f"{part.key}-{digest[:16]}.part"
 
@@ -278,9 +282,7 @@ def read_part(path: Path) -> PartResult | None:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = {name.removeprefix(_ARRAY): archive[name] for name in archive.files}
-    none = np.frombuffer(b"{}", np.uint8)  # of a part that an earlier truejoint wrote
-    texts = arrays.pop(_ROWS), arrays.pop(_SOURCES, none)
-    rows, sources = (json.loads(text.tobytes()) for text in texts)
+    rows, sources = (json.loads(arrays.pop(name).tobytes()) for name in (_ROWS, _SOURCES))
     return PartResult(rows, arrays, sources)
 
 
@@ -309,7 +311,9 @@ def on_cluster(
     a task again and again; TruejointError if Dask is not installed.
     """
     distributed = require("distributed", "cluster", "a cluster")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # one line says what went wrong
+    for logger in [*logging.root.manager.loggerDict]:  # several of Dask have levels of their own
+        if logger.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(logger).setLevel(logging.CRITICAL)  # one line says what went wrong
     if not address:
         raise StudyError("no scheduler at ''; give its address, such as tcp://10.0.0.5:8786")
     try:

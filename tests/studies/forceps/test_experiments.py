@@ -10,6 +10,7 @@ from truejoint.errors import CommandRefused, StudyError, TruejointError
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import get_study, run_study
+from truejoint.studies.claim_tests import below_all
 from truejoint.studies.forceps import closed_loop, load, methods, motions
 from truejoint.studies.forceps.motions import record
 from truejoint.studies.forceps.population import share
@@ -196,6 +197,27 @@ def test_shares_count_specimens():
     rms = DataFrame({"ukf_compensated": [2.0, 1.0, 4.0, 3.0], "play_gated": [1.0, 2.0, 1.0, 1.0]})
     assert share(rms, "ukf_compensated", "play_gated") == 0.75
     assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
+
+
+def test_a_load_swings_in_no_loop():
+    methods = "ukf_compensated,play_gated"
+    result = run_study(
+        "forceps-swinging", {"count": 2, "swings_hz": "1", "mass_g": 100, "methods": methods}
+    )
+    loads = ["unloaded", "0 Hz, shutting", "1 Hz, shutting", "0 Hz, opening", "1 Hz, opening"]
+    assert list(result.rows.load.unique()) == loads
+    worst = result.rows.groupby(["method", "load"], sort=False).rms.max().unstack()
+    assert (worst.drop(columns="unloaded").ge(worst.unloaded, axis=0)).all(axis=None)
+    errors = result.rows.set_index(["session", "load", "method"]).rms
+    ours, paper = (
+        [[errors[n, load, method] for n in (0, 1)] for load in loads[2::2]]
+        for method in ("play_gated", "ukf_compensated")
+    )
+    (claim,) = result.summary.claims
+    assert claim.number.startswith("O")
+    assert claim.holds == below_all([*zip(ours, paper, strict=True)])
+    with pytest.raises(TruejointError, match=r"a load of -0\.1 kg"):
+        run_study("forceps-swinging", {"mass_g": -100})
 
 
 def test_loads_are_weighed(monkeypatch):

@@ -8,6 +8,7 @@ from pandas import DataFrame
 
 from truejoint.errors import StudyError
 from truejoint.estimators import NeuralNetwork, registry
+from truejoint.estimators.family import TARGETS
 from truejoint.studies import get_study, run_study
 from truejoint.studies.raven2 import lasting, rivals, tables, training
 from truejoint.studies.raven2 import sessions as s
@@ -65,7 +66,7 @@ def test_errors_are_those_of_the_models_on_rows_with_truth(session):
 
 @pytest.fixture(scope="module")
 def table_1():
-    options = {"directions": "J1,J2-J3", "fine": "1+2", "coarse": "1", "minutes": 0.2}
+    options = {"directions": "J1,J2-J3", "fine": "1+2", "minutes": 0.2}
     return run_study("directions", ONE | options)
 
 
@@ -124,24 +125,27 @@ def test_the_best_direction_is_found():
     assert "number 2 of 7" in best.found
 
 
-def test_six_hours_are_judged_hour_by_hour(drawn):
-    result = run_study("endurance", ONE | {"sets": "1", "hours": 2})
-    assert result.rows.groupby("case").hour.nunique().tolist() == [2, 2, 2]
+def test_six_hours_are_judged_hour_by_hour(drawn, tmp_path):
+    result = run_study("endurance", ONE | {"sets": "1", "hours": 2}, folder=tmp_path)
+    assert result.rows.groupby("work").hour.nunique().tolist() == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
     assert texts == [claim.stated.text for claim in lasting.ENDURANCE_CLAIMS]
     assert drawn(result)
+    targets = run_study("targets", ONE | {"sets": "1", "hours": 2}, folder=tmp_path)
+    assert targets.computed == 0, "the same hours"
 
 
 def test_a_load_is_hung_on_the_tool_after_the_training():
-    judged = (s.calibrate_once(RAVEN, 3, ("1",), 0, hours=1, load=load) for load in (0.0, 0.5))
+    works = {"idle": 0.0, "unloaded": 0.0, "loaded": 0.5}
+    rows = DataFrame(s.calibrate_once(RAVEN, 3, ("1",), 0, hours=1, works=works).rows)
     # Half a kilogram pulls at the insertion's cable, by some 0.25 mm.
-    raw = [
-        select(DataFrame(part.rows), method="raw", joint="insertion").rmse.item() for part in judged
-    ]
-    assert abs(raw[1] - raw[0]) > 1e-4
+    raw = select(rows, method="raw", joint="insertion").set_index("work").rmse
+    assert abs(raw.loaded - raw.unloaded) > 1e-4
+    one = DataFrame(s.calibrate_once(RAVEN, 3, ("1",), 0, hours=1, works={"loaded": 0.5}).rows)
+    assert one.rmse.tolist() == select(rows, work="loaded").rmse.tolist(), "each begins fresh"
     study = get_study("endurance")
-    loads = [part.arguments["load"] for part in study.parts(study.settings("small"))]
-    assert loads == [0.0, 0.0, 0.5]
+    (part,) = study.parts(study.settings("small"))
+    assert part.arguments["works"] == works
 
 
 def test_hours_that_grow_are_told():
@@ -194,9 +198,8 @@ def test_homings_are_judged_one_by_one(drawn):
 
 def test_either_target_is_the_same_to_the_linear_model():
     result = run_study("targets", ONE | {"sets": "1", "hours": 1})
-    error, position = (
-        select(result.rows, target=one, method="linear").rmse.tolist() for one in training.TARGETS
-    )
+    hours = select(result.rows, work="unloaded", method="linear")
+    error, position = (select(hours, target=one).rmse.tolist() for one in TARGETS)
     assert position == pytest.approx(error, rel=1e-6)
     claims = {claim.text: claim for claim in result.summary.claims}
     assert claims["linear and polynomial model are the same either way"].holds is None
@@ -204,7 +207,7 @@ def test_either_target_is_the_same_to_the_linear_model():
 
 
 def test_more_time_is_judged_by_the_seconds_it_takes(drawn):
-    result = run_study("sparsity", FEW | {"sets": "2,1", "repeats": 1, "minutes": 0.2})
+    result = run_study("sparsity", ONE | {"sets": "2,1", "hours": 1})
     conditions = [row[0] for row in result.summary.tables[0].rows]
     assert conditions[0].startswith("1, ")  # the shorter one, though named last
     assert conditions[3].startswith("2, ")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots.blocks import SETPOINT_DT, TruthBlock
-from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
+from truejoint.simulation.forceps.load import MAX_MASS, LoadTest, SwingingLoad
 from truejoint.simulation.forceps.parameters import (
     DT,
     ForcepsParameters,
@@ -210,12 +210,14 @@ def simulate_forceps(
     seed: int = 0,
     log_rate: float = 200.0,
     zero_shift: ZeroShift = _NO_SHIFT,
+    load: SwingingLoad = SwingingLoad(0.0),  # noqa: B008  # frozen
 ) -> TwinOutput:
     """Drive a fresh forceps through a motion, as a table at a rate of its own.
 
     The motion is a `LoadTest`, or jaw angles (n,) [rad] at 1 kHz, n >= 2, between the mechanical
     stops; the jaw starts at rest at zero wherever those do. The seed is that of the sensors' noise
-    and the hand's wobble; `log_rate` [Hz] must divide 10 kHz; homing got `zero_shift` wrong.
+    and the hand's wobble; `log_rate` [Hz] must divide 10 kHz; homing got `zero_shift` wrong. A
+    `load` may swing at the tip while the jaw follows angles.
 
     Raises TruejointError if an input breaks a rule, or the plant leaves the finite numbers.
     """
@@ -226,7 +228,7 @@ def simulate_forceps(
         twin.line_angle, force = motion.angle, motion.force(times, seed)
         motion = motion.angles(times)
     else:
-        force = np.zeros(np.shape(motion))
+        force = load.force(np.arange(np.size(motion), dtype=np.float64) * SETPOINT_DT)
     angles = np.ascontiguousarray(motion, dtype=np.float64)
     if angles.ndim != 1 or not 2 <= angles.size <= MAX_SAMPLES:
         raise TruejointError(

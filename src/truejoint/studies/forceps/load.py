@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from itertools import product
 from typing import Any, Final, cast
 
@@ -46,14 +47,15 @@ UNLOADED, SLACK = "unloaded", "slack"
 
 
 def load_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen."""
-    hung, motion = list(cases(settings).values()), settings["motion"]
+    """One a specimen and weight, and one without a weight."""
+    weights, common = {**cases(settings), UNLOADED: None}, {"motion": settings["motion"]}
     return [
         Part(
-            name, weigh, {"forceps": plant, "seed": seed, "motion": motion, "hung": hung},
+            f"{name}-{key}", weigh, {"forceps": plant, "seed": seed, **common, "hung": hung},
             {"specimen": name},
         )
         for name, plant, seed in drawn_specimens(settings)
+        for key, hung in weights.items()
     ]  # fmt: skip
 
 
@@ -86,9 +88,11 @@ def rocking_test(mass: float, way: str) -> LoadTest:
     return load_test(mass, way, quick=True, end=end, rock=ROCK)
 
 
-def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> Rows:
-    """Identify the stiffness of a specimen by known weights, and estimate others on it."""
-    plant = ForcepsParameters.from_dict(forceps)
+@lru_cache(maxsize=4)
+def _identified(
+    plant: ForcepsParameters, seed: int, motion: str
+) -> tuple[FrictionFilter, FrictionFilter, dict[str, float]]:
+    """Fit filters to the motion alone and to known weights; give both and the plant's numbers."""
     unloaded, loads = settled(record(plant, motion, seed=2 * seed)), []
     assumed = cast("FrictionFilter", calibrate(unloaded, FrictionFilter()).model)
     for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, _WAYS)):
@@ -108,22 +112,26 @@ def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, An
         "true_friction": hidden_friction(plant),
         "arm": plant.jaw.load_arm,
     }
-    rows: Rows = []
-    for case in hung:
-        test = load_test(case["mass"], case["direction"])
-        run = record(plant, test, seed=case["hand"])
-        still = within(run.t, *test.phases["IV"])
-        labels = {**common, "mass": case["mass"], "direction": case["direction"]}
-        if float(run.column("truth_load/jaw")[still].mean()) > slack_torque(plant, test.angle):
-            rows.append({**labels, "case": SLACK})
-            continue
-        tried = assumed.states(*signals(run)).load[still]
-        labels |= {"case": case["direction"], "assumed": float(tried.mean())}
-        rows.append({**labels, **_judged(identified, run, still)})
-    run = settled(record(plant, "verification", seed=2 * seed + 1))
-    states = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
-    rows.append({**common, "case": UNLOADED, **states})
-    return rows
+    return assumed, identified, common
+
+
+def weigh(forceps: Plain, seed: int, motion: str, hung: Mapping[str, Any] | None) -> Rows:
+    """Identify the stiffness of a specimen by known weights, and estimate another, or none."""
+    plant = ForcepsParameters.from_dict(forceps)
+    assumed, identified, common = _identified(plant, seed, motion)
+    if hung is None:
+        run = settled(record(plant, "verification", seed=2 * seed + 1))
+        states = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
+        return [{**common, "case": UNLOADED, **states}]
+    test = load_test(hung["mass"], hung["direction"])
+    run = record(plant, test, seed=hung["hand"])
+    still = within(run.t, *test.phases["IV"])
+    labels = {**common, "mass": hung["mass"], "direction": hung["direction"]}
+    if float(run.column("truth_load/jaw")[still].mean()) > slack_torque(plant, test.angle):
+        return [{**labels, "case": SLACK}]
+    tried = assumed.states(*signals(run)).load[still]
+    labels |= {"case": hung["direction"], "assumed": float(tried.mean())}
+    return [{**labels, **_judged(identified, run, still)}]
 
 
 def _judged(model: FrictionFilter, run: Recording, chosen: Mask) -> dict[str, float]:

@@ -20,7 +20,7 @@ from truejoint.motion import Trajectory, nested_motion
 from truejoint.motion import forceps_trajectories as paths
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import get_robot
-from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
@@ -102,6 +102,7 @@ def record_forceps(
     seed: int = 0,
     log_rate: float = 200.0,
     zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
+    load: SwingingLoad = SwingingLoad(0.0),  # noqa: B008  # frozen
     specimen: str = "",
     session: str = "",
 ) -> Recording:
@@ -121,7 +122,7 @@ def record_forceps(
     >>> len(record_forceps(ForcepsParameters.read(), "verification", seed=1))
     12967
     """
-    path, mass, notes = motion, 0.0, ""
+    path, mass, notes = motion, load.mass, ""
     if isinstance(motion, LoadTest):
         session = session or f"load {seed}"
         mass, angle = motion.mass, math.degrees(motion.angle)
@@ -129,7 +130,12 @@ def record_forceps(
     elif isinstance(motion, str):
         session, path = session or f"{motion} {seed}", trajectory(motion).positions[:, 0]
     run = simulate_forceps(
-        parameters, cast("Any", path), seed=seed, log_rate=log_rate, zero_shift=zero_shift
+        parameters,
+        cast("Any", path),
+        seed=seed,
+        log_rate=log_rate,
+        zero_shift=zero_shift,
+        load=load,
     )
     columns = {
         "t": run.t,

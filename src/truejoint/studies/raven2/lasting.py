@@ -12,6 +12,7 @@ from pandas import DataFrame, concat
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel, by_condition
 from truejoint.errors import StudyError
+from truejoint.estimators.family import TARGETS
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
@@ -32,14 +33,19 @@ LONGEST, SHORTEST = "longest", "shortest"
 
 
 def endurance_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen, kind of work and session."""
+    """One a specimen and session: what is fitted is the same for every kind of work.
+
+    Both targets are fitted, so that these are the parts of the study of targets, too.
+    """
     settings.check_names("kind of work", "works", WORKS)
     if not 0.0 < settings["load_g"] <= 2000.0:
         raise StudyError(f"load_g={settings['load_g']:g}; it must be above 0, up to 2000")
     load = {LOADED: settings["load_g"] / 1e3}
-    cases = {work: {"work": work, "load": load.get(work, 0.0)} for work in WORKS}
-    names, chosen = ("sets", "networks", "hours"), settings["works"]
-    return s.part_for_each(settings, s.calibrate_once, 300_000, *names, cases=cases, chosen=chosen)
+    works = {work: load.get(work, 0.0) for work in WORKS if work in settings["works"]}
+    more = {"works": works, "targets": TARGETS}
+    return s.part_for_each(
+        settings, s.calibrate_once, 300_000, "sets", "networks", "hours", more=more
+    )
 
 
 def by_training(rows: DataFrame) -> DataFrame:
@@ -59,7 +65,7 @@ def by_training(rows: DataFrame) -> DataFrame:
 def endurance_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     """Figures 6 and 7, the rows of Table III, and what the paper says of the hours."""
     settings, works = results.settings, results.settings["works"]
-    every = tables.in_order(by_length(rows.assign(work=rows.case)), "work", works)
+    every = tables.in_order(by_length(select(rows, target=TARGETS[0])), "work", works)
     rows = by_training(every)
     hours = select(rows, training=LONGEST).sort_values("hour", kind="stable")
     hours = hours.assign(condition=hours.hour.map("hour {}".format))
@@ -84,9 +90,7 @@ def endurance_summary(results: Results, title: str, rows: DataFrame) -> Summary:
         f"endurance-{title}": tables.joint_figure(
             name, drawn, caption, by_condition, "work", **look
         ),
-        f"trajectories-{title}": _trajectories(
-            title, {work: results.arrays[f"{title}-{work}-0"] for work in works}
-        ),
+        f"trajectories-{title}": _trajectories(title, works, results.arrays[f"{title}-0"]),
     }
     whole = set(WORKS) <= set(works) and settings["hours"] > 1
     return Summary(
@@ -98,17 +102,20 @@ def _printed(work: str, condition: str, joint: str, method: str) -> float | None
     return tables.printed("III", f"RAVEN-II {work} {{}}")(condition.replace(" ", ""), joint, method)
 
 
-def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Figure:
+def _trajectories(title: str, works: Sequence[str], minutes: Mapping[str, Array]) -> Figure:
     panels = [
         [
             Panel(
                 [
-                    Curve(example["t"], s.SCALES[joint] * example[name][:, joint], name, *look)
+                    Curve(
+                        minutes[f"{work}/t"], s.SCALES[joint] * minutes[f"{work}/{name}"][:, joint],
+                        name, *look,
+                    )
                     for name, look in _DRAWN.items()
                 ],
                 "time [s]", label, "" if joint else work,
             )
-            for work, example in examples.items()
+            for work in works
         ]
         for joint, label in enumerate(s.TITLES)
     ]  # fmt: skip

@@ -182,24 +182,21 @@ _TIMES: Final = 160.0  # of the network's inference time to the linear model's (
 
 
 def timing_parts(settings: Settings) -> Sequence[Part]:
-    """One: times of one machine are only comparable one after the other."""
+    """One a repetition: times are only comparable one after the other, as each takes them."""
     settings.check_names("model", "models", estimator_names())
     s.combination(settings["training"])
     if settings["samples"] < 1000:
         raise StudyError(f"samples={settings['samples']}; give 1000 or more")
     (raven,) = s.specimens(("peng2024",)).values()
-    common = {name: settings[name] for name in ("models", "training", "samples", "repeats")}
-    return (Part("timing", measure, {"raven": raven, "seed": settings.seed, **common}),)
+    common = {name: settings[name] for name in ("models", "training", "samples")}
+    first = s.STUDY_SEED * settings.seed
+    return [
+        Part(f"timing-{n}", measure, {"raven": raven, "seed": first + n, **common}, {"session": n})
+        for n in range(settings["repeats"])
+    ]
 
 
-def measure(
-    raven: s.Plain,
-    models: Sequence[str],
-    seed: int,
-    training: str,
-    samples: int,
-    repeats: int,
-) -> Rows:
+def measure(raven: s.Plain, models: Sequence[str], seed: int, training: str, samples: int) -> Rows:
     """Time fits, and the control loop's corrections sample by sample [s]."""
     arm, _ = s.homed(raven, seed)
     sets = s.training_sets(arm, (training,))[training]
@@ -207,7 +204,7 @@ def measure(
     calibrate([one.rows(slice(0, 400)) for one in sets], "linear")  # libraries and kernels
     few = test.rows(slice(0, 2))  # the shortest table, as a framework's call for a sample
     timed: Rows = []
-    for repeat, name in product(range(repeats), models):
+    for name in models:
         # Processor time: what else the machine does shall not count.
         began = time.process_time()
         model = calibrate(sets, name)
@@ -222,7 +219,7 @@ def measure(
         whole = timeit.repeat(partial(model.correct, few), number=1, repeat=50)
         step, step_99 = np.quantile(each[_COLD:], [0.5, 0.99]).tolist()
         seconds = {"fit": fit, "table": float(np.median(whole)), "step": step, "step_99": step_99}
-        timed.append({"session": repeat, "method": name, **seconds, "rows": sum(map(len, sets))})
+        timed.append({"method": name, **seconds, "rows": sum(map(len, sets))})
     return timed
 
 

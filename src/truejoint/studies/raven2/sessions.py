@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
@@ -38,7 +39,7 @@ PUBLISHED: Final = "published"
 """J1-J2-J3 in the box of the laboratory's own generator; see `zigzag`."""
 HOUR: Final = 3600.0  # [s]
 STATE_RATE: Final = 30.0  # [Hz], peng2024, IV-A
-_LONG_RATE: Final = 10.0  # [Hz], of hours
+_LONG_RATE: Final = 5.0  # [Hz], of hours
 _EXAMPLE: Final = 60.0  # [s] of the first hour that are drawn, as in peng2024, figure 7
 _IDLE_TEST: Final = 120.0  # [s], short, as the tests work the cables as well
 STUDY_SEED: Final = 1000
@@ -47,6 +48,7 @@ TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does for hours; the last with a mass on its tool."""
+UNLOADED_ALONE: Final[Mapping[str, float]] = {UNLOADED: 0.0}
 NOTHING: Final[Mapping[str, Any]] = {}
 ONE_CASE: Final[Mapping[str, Mapping[str, Any]]] = {"": NOTHING}
 """Of a study that does one thing a session."""
@@ -71,31 +73,28 @@ def part_for_each(
     offset: int,
     *names: str,
     more: Mapping[str, Any] = NOTHING,
-    count: str = "sessions",
     cases: Mapping[str, Mapping[str, Any]] = ONE_CASE,
     chosen: Sequence[str] | None = None,
-    same_arm: bool = False,
 ) -> list[Part]:
-    """Part of every specimen, session (`count` names their option) and case, labelled by these.
+    """Part of every specimen, session and case, labelled by these.
 
     `compute` is called with a specimen ``raven``, an arm's ``seed``, the options `names`, `more`,
-    and what the case adds. `offset` keeps the arms' seeds from those of other studies. The cases
-    of a session have one arm with `same_arm`; which of them are `chosen` changes no seed.
+    and what the case adds. `offset` keeps the arms' seeds from those of other studies;
+    which cases are `chosen` changes no seed.
     """
     common = {name: settings[name] for name in names} | dict(more)
     for text in common.get("sets", ()):
         combination(text)
     first = offset + STUDY_SEED * settings.seed
-    step = 1 if same_arm else len(cases)
     return [
         Part(
             f"{title}-{case}-{session}" if case else f"{title}-{session}",
             compute,
-            {"raven": raven, "seed": first + step * session + n % step, **common, **arguments},
+            {"raven": raven, "seed": first + len(cases) * session + n, **common, **arguments},
             {"specimen": title, "session": session, "case": case},
         )
         for title, raven in specimens(settings["specimens"]).items()
-        for session in range(settings[count])
+        for session in range(settings["sessions"])
         for n, (case, arguments) in enumerate(cases.items())
         if chosen is None or case in chosen
     ]
@@ -192,45 +191,51 @@ def calibrate_once(
     targets: Sequence[str] = ("error",),
     seconds: float = 0.0,
     hours: int = 0,
-    work: str = UNLOADED,
-    load: float = 0.0,
+    works: Mapping[str, float] = UNLOADED_ALONE,
 ) -> PartResult:
     """Calibrate on each combination of zig-zags, and judge on all that follows.
 
-    That is random motion of some `seconds`, or `hours` of a kind of work under a load [kg]. Of
-    these arrays hold the first minute: stamps (n,) [s], and joints (n, 3) as they are, as the robot
-    measures them, and corrected by models of the longest training.
+    That is random motion of some `seconds`, or `hours` of kinds of work under a load [kg]; each of
+    `works` begins right after the calibration. Of these arrays hold the first minute, named
+    ``work/stream``: stamps (n,) [s], and joints (n, 3) as they are, as the robot measures them, and
+    corrected by models of the longest training.
     """
-    arm, twin = homed(raven, seed)
-    training = training_sets(arm, sets, direction)
+
+    def calibrated() -> tuple[Arm, Raven2Twin, dict[str, list[Recording]]]:
+        arm, twin = homed(raven, seed)
+        return arm, twin, training_sets(arm, sets, direction)
+
+    arm, twin, training = calibrated()
     lengths = {text: seconds_of(group) for text, group in training.items()}
     models = {
         (target, text): fitted(group, networks, seed, target=target)
         for target in targets
         for text, group in training.items()
     }
-    twin.load = load
-    go_on = resting if work == IDLE else working
-    test_seed = TEST_SEED + seed
-    tests = go_on(arm, hours, test_seed) if hours else [random_test(arm, seconds, test_seed)]
-    rows = [
-        row
-        for hour, test in enumerate(tests)
-        for (target, text), several in models.items()
-        for row in judged(several, test, hour=hour, target=target, set=text, seconds=lengths[text])
-    ]
-    if not hours:
-        return PartResult(rows)
-    minute = tests[0].with_truth(JOINTS)
-    minute = minute.rows(minute.t - minute.t[0] <= _EXAMPLE)
     longest = models[targets[0], max(lengths, key=lambda text: lengths[text])]
-    example = {
-        "t": minute.t - minute.t[0],
-        "truth": minute.columns("truth", JOINTS),
-        "raw": minute.columns("measured", JOINTS),
-        **{name: several[0].correct(minute) for name, several in longest.items()},
-    }
-    return PartResult(rows, example)
+    test_seed, rows, arrays = TEST_SEED + seed, Rows(), dict[str, Array]()
+    for n, (work, load) in enumerate(works.items()):
+        if n:
+            arm, twin, _ = calibrated()
+        twin.load = load
+        go_on = resting if work == IDLE else working
+        tests = go_on(arm, hours, test_seed) if hours else [random_test(arm, seconds, test_seed)]
+        for hour, test in enumerate(tests):
+            for (target, text), several in models.items():
+                if work != UNLOADED and target != targets[0]:
+                    continue  # of which no paper says anything
+                labels = {"work": work, "hour": hour, "target": target, "set": text}
+                rows += judged(several, test, seconds=lengths[text], **labels)
+        minute = tests[0].with_truth(JOINTS)
+        minute = minute.rows(minute.t - minute.t[0] <= _EXAMPLE)
+        example = {
+            "t": minute.t - minute.t[0],
+            "truth": minute.columns("truth", JOINTS),
+            "raw": minute.columns("measured", JOINTS),
+            **{name: several[0].correct(minute) for name, several in longest.items()},
+        }
+        arrays |= {f"{work}/{name}": values for name, values in example.items()}
+    return PartResult(rows, arrays if hours else {})
 
 
 def judged(models: Models, recording: Recording, **labels: Any) -> Rows:
@@ -254,7 +259,7 @@ def judged(models: Models, recording: Recording, **labels: Any) -> Rows:
 
 
 def working(arm: Arm, hours: int, seed: int) -> list[Recording]:
-    """Random motion without a break, by hour; ten rows a second are enough to judge by."""
+    """Random motion without a break, by hour; five rows a second are enough to judge by."""
     recording = random_test(arm, hours * HOUR, seed, _LONG_RATE)
     hour = np.minimum(((recording.t - recording.t[0]) / HOUR).astype(int), hours - 1)
     return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]

@@ -11,6 +11,7 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.estimators import NeuralNetwork
+from truejoint.estimators.family import TARGETS
 from truejoint.motion import DIRECTIONS
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import default_unit
@@ -20,7 +21,16 @@ from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
 from truejoint.studies.rows import select
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import (
+    CLAIMS,
+    Part,
+    Results,
+    Rows,
+    Settings,
+    Statement,
+    Summary,
+    get_study,
+)
 
 FITTED_TO: Final = ("J1", "J2-J3")
 """Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
@@ -31,8 +41,8 @@ def directions_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, direction and session."""
     settings.check_names("direction", "directions", _NAMES)
     # Every direction has an arm, a homing and a test of its own, as in the paper.
-    sets = [settings["fine"], settings["coarse"]]
-    more, chosen = {"sets": sets, "seconds": 60.0 * settings["minutes"]}, settings["directions"]
+    more = {"sets": [settings["fine"]], "seconds": 60.0 * settings["minutes"]}
+    chosen = settings["directions"]
     cases = {name: {"direction": name} for name in _NAMES}
     return s.part_for_each(
         settings, s.calibrate_once, 0, "networks", more=more, cases=cases, chosen=chosen
@@ -49,7 +59,6 @@ def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary
     """Table I beside the paper's, and what it says of directions."""
     settings, chosen = results.settings, results.settings["directions"]
     rows = tables.in_order(rows.assign(condition=rows.case), "condition", chosen)
-    fine, coarse = (select(rows, set=settings[kind]) for kind in ("fine", "coarse"))
     name = f"peng2024 Table I, specimen {title}"
     of_groups = {
         "J1, J2-J3": [direction for direction in chosen if direction in FITTED_TO],
@@ -57,24 +66,21 @@ def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary
     }
     made = (
         tables.accuracy_table(
-            f"{name}, trained on {settings['fine']}", fine, s.METHODS, _printed,
+            f"{name}, trained on {settings['fine']}", rows, s.METHODS, _printed,
             (tables.ZIGZAGS, claims.RULE),
         ),
         tables.percent_table(
-            f"Share of the fixed offset's error, specimen {title}", fine, _printed
-        ),
-        tables.accuracy_table(
-            f"The same trained on {settings['coarse']}, specimen {title}", coarse, s.METHODS
+            f"Share of the fixed offset's error, specimen {title}", rows, _printed
         ),
         tables.ratio_table(
-            f"RMSE over the paper's, specimen {title}", fine, of_groups, s.METHODS, _printed
+            f"RMSE over the paper's, specimen {title}", rows, of_groups, s.METHODS, _printed
         ),
     )  # fmt: skip
     caption = "RMSE on a random motion by direction of the zig-zags."
-    drawn = select(fine, method=s.CORRECTED)
+    drawn = select(rows, method=s.CORRECTED)
     figure = tables.joint_boxes(name, drawn, caption, "condition")
     judged = DIRECTIONS_CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
-    stated = [claim.judged(fine, title) for claim in judged]
+    stated = [claim.judged(rows, title) for claim in judged]
     return Summary(made, {f"directions-{title}": figure}, stated)
 
 
@@ -124,7 +130,6 @@ def _percents(shares: Array) -> str:
 
 
 _NETWORK, _LINEAR, _OFFSET = ({"method": method} for method in (*s.TWO, "offset"))
-_TABLE: Final = "peng2024, Table I"
 _ON_BEST: Final = {"condition": s.BEST}
 _ROWS: Final = ("network", "polynomial", "linear", "offset", "raw")
 DIRECTIONS_CLAIMS: Final = (
@@ -154,11 +159,13 @@ DIRECTIONS_CLAIMS: Final = (
 )  # fmt: skip
 
 
-def sparsity_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen and repetition."""
-    test = {"seconds": 60.0 * settings["minutes"]}
-    names = ("sets", "networks")
-    return s.part_for_each(settings, s.calibrate_once, 200_000, *names, more=test, count="repeats")
+def of_endurance(settings: Settings) -> Sequence[Part]:
+    """Give the parts of the study of endurance, whose unloaded hours other studies judge, too."""
+    endurance = get_study("endurance")
+    return endurance.parts(endurance.settings(settings.preset, settings.seed, settings.options))
+
+
+sparsity_parts = targets_parts = of_endurance
 
 
 def by_length(rows: DataFrame) -> DataFrame:
@@ -175,8 +182,8 @@ def by_length(rows: DataFrame) -> DataFrame:
 
 @tables.by_specimen
 def sparsity_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
-    """Figure 5, its numbers, and what the paper says of them."""
-    rows = by_length(rows)
+    """Figure 5, its numbers, and what the paper says of them, by the first hour."""
+    rows = by_length(select(rows, work=s.UNLOADED, hour=0, target=TARGETS[0]))
     seconds = rows.length.map("{:.0f} s".format)
     rows = rows.assign(condition=rows.set + ", " + seconds, place=rows.set + "\n" + seconds)
     name = f"peng2024 figure 5, specimen {title}"
@@ -232,20 +239,12 @@ SPARSITY_CLAIMS: Final = (
 )  # fmt: skip
 
 
-TARGETS: Final = ("error", "position")
-
-
-def targets_parts(settings: Settings) -> Sequence[Part]:
-    """One a specimen and session."""
-    names = ("sets", "networks", "hours")
-    return s.part_for_each(settings, s.calibrate_once, 500_000, *names, more={"targets": TARGETS})
-
-
 @tables.by_specimen
 def targets_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     """Table II beside the paper's."""
     hours = results.settings["hours"]
     notes = (f"Mean over {hours} hours of unloaded work and all trainings.", claims.RULE)
+    rows = select(rows, work=s.UNLOADED)
     rows = rows.assign(condition=rows.target)
     name = f"peng2024 Table II, specimen {title}"
     table = tables.accuracy_table(name, rows, s.MODELS, _TABLE_2, notes)
@@ -319,13 +318,12 @@ def fit_both(
         if WIDE in models and text == longest:
             network = NeuralNetwork(_LARGE, weight_decay=1e-4)
             every[WIDE] = [s.model_of(group, network, features=names, fit_rate=_FIT_RATE)]
-        for kind, fitted in (
-            (SELECTED, s.fitted(group, networks, seed)),
-            (NO_TORQUES, s.fitted(group, networks, seed, features=positions)),
-            (NO_POSITIONS, s.fitted(group, networks, seed, features=torques)),
-            (TIMELESS, s.fitted(group, 0, seed, features=timeless)),
-            (ALL, every),
-        ):
+        kinds = {SELECTED: s.fitted(group, networks, seed), ALL: every}
+        if text == longest:  # on which claims are judged
+            kinds[NO_TORQUES] = s.fitted(group, networks, seed, features=positions)
+            kinds[NO_POSITIONS] = s.fitted(group, networks, seed, features=torques)
+            kinds[TIMELESS] = s.fitted(group, 0, seed, features=timeless)
+        for kind, fitted in kinds.items():
             labels = {"kind": kind, "set": text, "seconds": s.seconds_of(group)}
             rows += s.judged(fitted, test, inputs=len(names), **labels)
     return rows
