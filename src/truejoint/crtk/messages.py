@@ -11,13 +11,16 @@ import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots import Robot
+from truejoint.toml_file import read_toml
 
 JOINT_STATE: Final = "sensor_msgs/JointState"
 RAVEN_STATE: Final = "raven_2/raven_state"
@@ -36,31 +39,7 @@ CORRECTED: Final = "corrected"
 
 # The state of both arms as uw-biorobotics/raven2:msg/raven_state.msg has it, by its MD5 sum
 # ce9e7f4969049d8bb365de3c98461a01. Other variants are read by the definition in their file.
-_RAVEN_STATE_TEXT: Final = """\
-Header hdr
-int32 runlevel
-int32 sublevel
-int32 last_seq
-int32[2] type
-int32[6] pos
-float32[18] ori
-float32[18] ori_d
-int32[6] pos_d
-duration dt
-int32[16] encVals
-int32[16] dac_val
-float32[16] tau
-float32[16] mpos
-float32[16] jpos
-float32[16] mvel
-float32[16] jvel
-float32[16] mpos_d
-float32[16] jpos_d
-float32[2] grasp_d
-float32[16] encoffsets
-float32[12] jac_vel
-float32[12] jac_f
-"""
+_RAVEN_STATE_TEXT: Final = Path(__file__).with_name("raven_state.msg").read_text(encoding="utf-8")
 _RAVEN_TYPES: Final = {
     name: kind
     for kind, name in re.findall(r"^(\w+)\[\d+\] (\w+)$", _RAVEN_STATE_TEXT, re.MULTILINE)
@@ -212,50 +191,10 @@ class Profile:
         return "".join(self.prefixes[space] for space in spaces[-1:]) + names.get(joint, joint)
 
 
+_PROFILES_FILE: Final = Path(__file__).with_name("profiles.toml")
 PROFILES: Final[Mapping[str, Profile]] = {
-    profile.name: profile
-    for profile in (
-        Profile("crtk", "CRTK as it is specified"),
-        Profile(
-            "dvrk",
-            "da Vinci Research Kit, whatever its joints were called at the time",
-            arms={arm.upper(): arm for arm in ("psm1", "psm2", "psm3")},
-            joints={
-                name: f"outer_{name}"
-                for name in ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
-            },
-        ),
-        # uw-biorobotics/raven2, branch crtk: publish_crtk_measured_js fills the message of arm 1
-        # from the right arm, and that of arm 2 from the left; measured_cp likewise. joint->tau is
-        # never assigned, so that all efforts are 0; setpoint_js has the last increment. Elbow and
-        # insertion: the external encoders take the hard stops for 130 deg and 0.572467 m
-        # (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
-        # func_raven_joint_encodersIII.py), homing for 137.5 deg and 0.562 m (raven2:src/raven).
-        Profile(
-            "raven2",
-            "RAVEN-II as its CRTK branch publishes it: measured joints of the arms swapped, no "
-            "effort and no set-point in CRTK's messages, encoders that count from another zero",
-            arms={"arm1": "left", "arm2": "right"},
-            swapped=("measured_js", "measured_cp"),
-            joints={"ins": "insertion"},
-            prefixes={"arm1": "gold_", "arm2": "green_"},
-            no_effort=True,
-            no_setpoint=True,
-            # raven2:src/raven/crtk_motion.cpp takes 7 values or more of servo_jr, or one.
-            operating_state="crtk_msgs/operating_state",
-            repeats_state=True,
-            longer_increments=True,
-            grasper={"arm1": "grasp1", "arm2": "grasp2"},
-            truth_offsets={"elbow": 7.5 * _DEG, "insertion": 0.562 - 0.572467},
-        ),
-        Profile(
-            "raven2_mended",
-            "RAVEN-II with none of that: arm 1 is the left one, efforts act on the joints",
-            arms={"arm1": "left", "arm2": "right"},
-            joints={"ins": "insertion"},
-            prefixes={"arm1": "gold_", "arm2": "green_"},
-        ),
-    )
+    name: schema.read(Profile, {"name": name, **table}, str(_PROFILES_FILE), RobotError)
+    for name, table in read_toml(_PROFILES_FILE, RobotError).items()
 }
 """Profiles by name."""
 
