@@ -37,38 +37,34 @@ Source: uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder.
 CORRECTED: Final = "corrected"
 """Namespace, within an arm's, of what a correcting node says."""
 
+_DEFINITIONS: Final = Path(__file__).with_name("definitions")
+
+
+def _definition(kind: str, ending: str = "msg") -> str:
+    return (_DEFINITIONS / f"{kind}.{ending}").read_text(encoding="utf-8")
+
+
 # The state of both arms as uw-biorobotics/raven2:msg/raven_state.msg has it, by its MD5 sum
 # ce9e7f4969049d8bb365de3c98461a01. Other variants are read by the definition in their file.
-_RAVEN_STATE_TEXT: Final = Path(__file__).with_name("raven_state.msg").read_text(encoding="utf-8")
 _RAVEN_TYPES: Final = {
     name: kind
-    for kind, name in re.findall(r"^(\w+)\[\d+\] (\w+)$", _RAVEN_STATE_TEXT, re.MULTILINE)
+    for kind, name in re.findall(r"^(\w+)\[\d+\] (\w+)$", _definition(RAVEN_STATE), re.MULTILINE)
 }
-_OPERATING_STATE_TEXT: Final = "Header header\nstring state\nbool is_homed\nbool is_busy\n"
-
 DEFINITIONS: Final[Mapping[str, str]] = {
-    RAVEN_STATE: _RAVEN_STATE_TEXT,
-    **dict.fromkeys(OPERATING_STATES, _OPERATING_STATE_TEXT),
-    STRING_STAMPED: "Header header\nstring string\n",
+    RAVEN_STATE: _definition(RAVEN_STATE),
+    **dict.fromkeys(OPERATING_STATES, _definition(OPERATING_STATE)),
+    STRING_STAMPED: _definition(STRING_STAMPED),
 }
 """Definition, as ROS 1 writes it, of each message type that ROS itself does not bring."""
 
-
 FORWARD: Final = "crtk_msgs/QueryForwardKinematics"
 INVERSE: Final = "crtk_msgs/QueryInverseKinematics"
-_POSE_TEXT: Final = "geometry_msgs/Pose cp\n"
-_RESULT_TEXT: Final = "bool result\nstring message\n"
-SERVICES: Final[Mapping[str, tuple[str, str, str]]] = {
-    FORWARD: (
-        "787c6da7a75e9886573c4af11f1a381f",
-        f"float64[] jp\n{_POSE_TEXT}",
-        _POSE_TEXT + _RESULT_TEXT,
-    ),
-    INVERSE: (
-        "ce8dbc3b4384e2f7567488e7e75496d8",
-        f"{_POSE_TEXT}float64[] jp\n",
-        f"float64[] jp\n{_RESULT_TEXT}",
-    ),
+_SUMS: Final = {
+    FORWARD: "787c6da7a75e9886573c4af11f1a381f",
+    INVERSE: "ce8dbc3b4384e2f7567488e7e75496d8",
+}
+SERVICES: Final[Mapping[str, tuple[str, ...]]] = {
+    kind: (md5, *_definition(kind, "srv").split("---\n")) for kind, md5 in _SUMS.items()
 }
 """MD5 sum, request and response of each service type that ROS itself does not bring.
 
