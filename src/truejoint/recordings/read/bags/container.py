@@ -354,7 +354,7 @@ def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
 
 
 def _unpack_mcap(chunk: bytes, bag: _Bag, *, is_whole: bool) -> bytes:
-    """Records of a chunk; raises struct.error where they are not those that were written."""
+    """Unpack records of a chunk; raises struct.error where they are not those that were written."""
     packing, place = _text(chunk, 28)  # behind its times, size unpacked and checksum
     (checksum,), (size,) = _U32.unpack_from(chunk, 24), _U64.unpack_from(chunk, place)
     records = bag.unpack(chunk[place + 8 : place + 8 + size], packing)
