@@ -58,11 +58,17 @@ KINDS: dict[str, tuple[Callable[[Path], Any], dict[str, Any]]] = {
 }
 
 
+def _number(cell: str | None) -> float:
+    with contextlib.suppress(TypeError, ValueError):
+        return float(cell)
+    return np.nan
+
+
 def _of_text(data: bytes) -> pd.DataFrame:
     text = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode("utf-8-sig")
     lines = [line.partition("#")[0].split(",") for line in text.splitlines()]
     lines = [[cell.strip().strip('"') for cell in line] for line in lines if line != [""]]
-    return pd.DataFrame(lines[1:], columns=lines[0]).map(lambda cell: float(cell or "nan"))
+    return pd.DataFrame(lines[1:], columns=lines[0]).map(_number)
 
 
 def _of_bag(path: Path, read: Any, deserialize: str) -> pd.DataFrame:
