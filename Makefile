@@ -30,6 +30,8 @@ bench: $(VENV)/.installed-bench ## Measure accuracy and speed (hours); tables go
 
 fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): commands, files, exported C
 	$(BIN)/python -m tests.fuzz --minutes $(FUZZ_MINUTES)
+	$(BIN)/python -m tests.fuzz.frames --count $$((20000 * $(FUZZ_MINUTES)))
+	$(BIN)/python -m tests.fuzz.loop --count $$((100000 * $(FUZZ_MINUTES)))
 	FUZZ_MINUTES=$(FUZZ_MINUTES) $(BIN)/python -m pytest -n auto tests/export/test_sanitizers.py
 
 VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)

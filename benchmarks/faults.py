@@ -1,6 +1,6 @@
 """Faults put into the readings of a simulated arm: which redundancy shows them, and how soon.
 
-    python -m benchmarks.faults [--seeds 20] [--seconds 10] [--estimator linear]
+    python -m benchmarks.faults [--seeds 20] [--seconds 10] [--estimator linear] [--only swap]
     python -m benchmarks.faults --healthy 60 [--seeds 20]
 
 What a seed gave is kept in a file of its own under `--out` and is not run again. Two seeds take a
@@ -9,7 +9,8 @@ minute.
 Each seed is an arm of its own, homed once, with a model of its zig-zags and an interval. Faults
 begin ten seconds into a random motion, in one joint's reading at a time, with the motors and the
 set point as they were: a fault between motor encoder and reading, or in one encoder of two. Each is
-looked for with motors and set point, with the set point alone, and with neither.
+looked for with motors and set point, with the set point alone, and with neither. `--only` names a
+part of the names of faults.
 
 A fault is found with the first sample that is not OK. The time to it counts while the joint moves
 faster than a tenth of its fastest. "Before 3 w": found before the reading is off by three times the
@@ -113,10 +114,10 @@ def delay(case: Case) -> Row:
     return case.reading(np.roll(true_reading(case), 100))
 
 
-def swap(case: Case) -> Row:
-    """Show another joint's position, and that one this joint's."""
+def swap(case: Case, quantity: str = "measured") -> Row:
+    """Show another joint's position, and that one this joint's; or their efforts or motors."""
     rows = case.rows.copy()
-    here, there = case.column("measured"), case.column("measured", case.other)
+    here, there = case.column(quantity), case.column(quantity, case.other)
     rows[BEGIN:, [here, there]] = rows[BEGIN:, [there, here]]
     return rows
 
@@ -132,6 +133,8 @@ def dead_effort(case: Case) -> Row:
 FAULTS: dict[str, Callable[[Case], Row]] = {
     "stuck": stuck, "jump": jump, "drift": drift, "scale": scale, "loss of counts": lost_counts,
     "sign": sign, "swap": swap, "delay": delay, "effort dead": dead_effort,
+    "efforts swapped": partial(swap, quantity="effort"),
+    "motors swapped": partial(swap, quantity="motor"),
 }  # fmt: skip
 
 
@@ -257,13 +260,16 @@ def main() -> None:
     """Print the tables."""
     options = parsed(
         __doc__, seeds=20, first_seed=200, seconds=10.0, estimator="linear", healthy=0.0,
+        only="",
         out=Path("bench/faults"),
     )  # fmt: skip
+    for name in [name for name in FAULTS if options.only not in name]:
+        del FAULTS[name]
     length = options.healthy or options.seconds
     run, kind = (work_healthily, "healthy") if options.healthy else (piece, "faults")
     found = []
     for seed in range(options.first_seed, options.first_seed + options.seeds):
-        title = f"{kind}, {seed}, {options.estimator}, {length:g}"
+        title = f"{kind}, {seed}, {options.estimator}, {length:g}{options.only}"
         found.append(stored(options.out, title, partial(run, seed, length, options.estimator)))
         if options.healthy:
             print(f"seed {seed}: {found[-1]}", flush=True)

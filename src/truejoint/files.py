@@ -172,7 +172,7 @@ def is_folder(path: Path) -> bool:
 def require_ordinary(path: Path, error: Kind) -> None:
     """Refuse what is no file, a pipe above all, at which reading would wait for ever."""
     try:
-        if path.exists() and not path.is_file():
+        if (path.exists() and not path.is_file()) or "\0" in str(path):
             raise error(f"{path}: is not a file, but a folder, a pipe or a device")
     except (OSError, ValueError) as fault:  # a name that no file can have
         raise error(f"{path}: cannot be read ({fault}); check the path") from None

@@ -161,13 +161,24 @@ def test_the_last_resort_is_one_line(call, monkeypatch, error, code, says):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+class Strikes:
+    """Is interrupted as it goes, when Python cannot raise."""
+
+    def __del__(self) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_an_interrupt_that_is_swallowed_is_remembered(call, monkeypatch):
     def swallows(*_: object, **__: object) -> None:
         with suppress(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr("truejoint.cli.commands.built", lambda: swallows)
-    assert call("show x").code == 130
+    printed: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", printed.append)
+    for swallow in (swallows, lambda *_, **__: Strikes() and None):
+        monkeypatch.setattr("truejoint.cli.commands.built", lambda swallow=swallow: swallow)
+        assert call("show x").code == 130
+    assert not printed
 
 
 def test_ctrl_c_while_modules_are_imported_ends_at_once() -> None:

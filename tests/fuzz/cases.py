@@ -10,11 +10,14 @@ import contextlib
 import gzip
 import inspect
 import io
+import json
+import operator
 import os
 import re
 import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,6 +26,8 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 import scipy.io
+from tests.recordings.damaged import KINDS as RECORDINGS
+from tests.recordings.damaged import read_damaged
 from tests.synthetic import build_recording
 
 import truejoint
@@ -31,7 +36,7 @@ from truejoint.cli.commands import COMMANDS, command
 from truejoint.crtk.messages import PROFILES, joint_state_columns
 from truejoint.errors import TruejointError
 from truejoint.monitor.access import check_message
-from truejoint.motion import write_trajectory, zigzag
+from truejoint.motion import read_trajectory, write_trajectory, zigzag
 from truejoint.recordings import write_bag
 from truejoint.recordings.table.stream_file import StreamWriter
 
@@ -258,8 +263,22 @@ def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
         wanted = {0, 1, 2, 130} if limit else {0, 1, 2}
         assert code in wanted, f"exit code {code}: {said[-300:]}"
         assert "Traceback" not in said, said[-500:]
+        if "--json" in words and code in {0, 1} and not limit:
+            check_values(words, said)
 
     return f"truejoint {words!r}", case
+
+
+def check_values(words: list[str], said: str) -> None:
+    """Check that a document holds finite numbers alone, and, of what only reads, is made again."""
+
+    def values(said: str) -> Any:
+        document = json.JSONDecoder(parse_constant=operator.truediv)  # NaN and infinity are no JSON
+        return document.raw_decode(said[said.index("{") :])[0]
+
+    first = values(said)
+    if not {"--out", "-o", "--report", "--plot"} & {*words}:
+        assert values(run(*words)[1]) == first
 
 
 KINDS: dict[str, Callable[[Draw], Any]] = {
@@ -353,8 +372,51 @@ def frame_case(draw: Draw) -> tuple[str, Callable[[], None]]:
     return f"frames {frames[0]!r:.200} ...", case
 
 
+@cache
+def contents() -> dict[str, bytes]:
+    """Give a small recording of every kind, by suffix."""
+    with tempfile.TemporaryDirectory() as folder:
+        for suffix, (write, _) in RECORDINGS.items():
+            write(Path(folder) / f"a{suffix}")
+        return {suffix: (Path(folder) / f"a{suffix}").read_bytes() for suffix in RECORDINGS}
+
+
+def read_model(path: Path, good: Path, test: Any) -> None:
+    """Correct by a model that may be damaged as by the one of before."""
+    model = truejoint.read_calibration(path)
+    np.testing.assert_array_equal(
+        model.correct(test), truejoint.read_calibration(good).correct(test)
+    )
+
+
+def read_way(path: Path, good: Path, _: Any) -> None:
+    """Read a trajectory that may be damaged as the one of before."""
+    way, whole = read_trajectory(path), read_trajectory(good)
+    assert "hash" in way.meta.get("notes", "") or np.array_equal(way.positions, whole.positions)
+
+
+def value_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+    """Give a damaged file whose numbers must be those of others' readers or of before, or none."""
+    signed = {seed.name: seed for seed in draw.seeds if seed.suffix in (".safetensors", ".csv")}
+    kind = draw.one((*contents(), "linear.safetensors", "zigzag.csv"))
+    content = contents()[kind] if kind in contents() else signed[kind].read_bytes()
+    path = draw.folder / (f"b{kind}" if kind in contents() else kind)
+    path.write_bytes(draw.damaged(content))
+    draw.covered.add(f"values {kind}")
+
+    def case() -> None:
+        if kind in contents():
+            assert "\n" not in read_damaged(path, RECORDINGS[kind][1])
+            return
+        with contextlib.suppress(TruejointError):
+            (read_model if kind.endswith("s") else read_way)(path, signed[kind], draw.recording())
+
+    return f"values of {path.name}", case
+
+
 CASES: dict[Callable[[Draw], Any], float] = {
-    command_case: 0.76, function_case: 0.18, message_case: 0.05, frame_case: 0.01,
+    command_case: 0.66, function_case: 0.16, value_case: 0.12, message_case: 0.05,
+    frame_case: 0.01,
 }  # fmt: skip
 """Kinds of cases and the share of each."""
 
@@ -378,4 +440,5 @@ def everything(seeds: Path) -> set[str]:
     files = {f"file {path.name}" for path in seeds.iterdir()}
     lines = {f"line {name}" for name in commands()}
     messages = {"frames", "message measured", "message setpoint", "message truth"}
+    messages |= {f"values {kind}" for kind in (*contents(), "linear.safetensors", "zigzag.csv")}
     return options | files | lines | messages | {f"function {name}" for name in functions()}

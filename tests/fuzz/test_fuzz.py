@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import struct
+
 import numpy as np
 import pytest
 
@@ -56,6 +59,76 @@ def test_a_zero_is_not_looked_for_in_no_time(seeds, duration):
     test = truejoint.read_recording(seeds / "test.parquet")
     with pytest.raises(TruejointError, match="give more than 0 s"):
         truejoint.calibration.find_zero(model, test, duration)
+
+
+def joint_called(name: str) -> bytes:
+    """Robot of one joint that is called so."""
+    named = json.dumps({"name": name})[1:-1].replace(":", " =")
+    return f'name = "rig"\njoints = [{{ {named}, unit = "deg" }}]'.encode()
+
+
+def header(text: bytes, length: int | None = None) -> bytes:
+    """Model file of a header, which is said to be so long."""
+    return struct.pack("<Q", len(text) if length is None else length) + text + bytes(800)
+
+
+ATTACKS = {
+    "lists.toml": b"a = " + b"[" * 50_000 + b"]" * 50_000,
+    "tables.toml": b"a = " + b"{b = " * 5000 + b"1" + b"}" * 5000,
+    "keys.toml": b"[" + b".".join([b"a"] * 20_000) + b"]\nb = 1",
+    "number.toml": b"name = " + b"9" * 100_000,
+    "long.toml": b"a = 1\n" * 200_000,
+    "picture.toml": b"\xff\xd8\xff\xe1" + bytes(range(256)) * 9,
+    "script.toml": joint_called("<script>alert(1)</script>"),
+    "escape.toml": joint_called("\x1b]0;title\x07"),
+    "comment.toml": joint_called("*/ system(1) /*"),
+    "path.toml": joint_called("../../../etc/passwd"),
+    "formula.toml": joint_called("=1+1"),
+    "long_header.safetensors": header(b"{}", 4 << 30),
+    "nested.safetensors": header(b'{"__metadata__":' + b'{"a":' * 10**5 + b"1" + b"}" * 100_001),
+    "twice.safetensors": header(b'{"__metadata__":{"a":"1"},"__metadata__":{"truejoint":"{}"}}'),
+    "wide.csv": b"t" + b",measured/jaw" * 10**6 + b"\n" + b"0.5," * 10**6 + b"0.5\n",
+    "picture.csv": b"\xff\xd8\xff\xe1" + bytes(range(256)) * 9,
+}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_what_a_stranger_made_is_refused_in_one_line(seeds, tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(ATTACKS[name])
+    words = {".toml": ["show", seeds / "table.csv", "--robot"], ".csv": ["doctor"]}
+    code, said = run(*words.get(path.suffix, ["show"]), path)
+    assert code == 2
+    assert said.count("truejoint: ") == 1
+    assert said.splitlines()[-1].isprintable()
+
+
+def test_an_array_that_stands_twice_in_a_header_is_that_of_the_hash(seeds, tmp_path):
+    content = (seeds / "linear.safetensors").read_bytes()
+    end = 8 + int.from_bytes(content[:8], "little")
+    name, array = list(json.loads(content[8:end]).items())[1]
+    twice = content[8:end].rstrip()[:-1] + f",{json.dumps(name)}:{json.dumps(array)}}}".encode()
+    path = tmp_path / "twice.safetensors"
+    path.write_bytes(struct.pack("<Q", len(twice)) + twice + content[end:])
+    model, good = map(truejoint.read_calibration, (path, seeds / "linear.safetensors"))
+    test = truejoint.read_recording(seeds / "test.parquet")
+    np.testing.assert_array_equal(model.correct(test), good.correct(test))
+
+
+@pytest.mark.parametrize("target", ["correct", "export"])
+def test_a_link_in_a_folder_of_results_leads_to_no_other_file(seeds, tmp_path, target):
+    precious, folder = tmp_path / "precious", tmp_path / "results"
+    precious.write_text("precious")
+    folder.mkdir()
+    words = {"correct": [seeds / "test.parquet", "-o", folder / "a.csv"],
+             "export": ["--to", "c", "--out", folder, "--prefix", "a"]}[target]  # fmt: skip
+    links = [folder / name for name in ("a.csv", "a.c", "a.h")]
+    for link in links:
+        link.symlink_to(precious)
+    assert run(target, seeds / "linear.safetensors", *words)[0] == 2
+    assert run(target, seeds / "linear.safetensors", *words, "--force")[0] in {0, 1}
+    assert precious.read_text() == "precious"
+    assert not all(link.is_symlink() for link in links)
 
 
 def test_what_is_killed_loses_no_file(tmp_path):

@@ -11,20 +11,24 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 import viser
 from tests import chromium
+from tests.synthetic import build_recording
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from truejoint.errors import TruejointError
-from truejoint.monitor import access
+from truejoint.monitor import RecordingPage, access
 from truejoint.monitor.access import HEADERS, Access, check_message
+from truejoint.monitor.page import PLOT_EVERY
 from truejoint.monitor.process import ArmView
-from truejoint.monitor.samples import Condition
+from truejoint.monitor.samples import Condition, Samples
 from truejoint.robots import get_robot
 
 SPOKEN = [Subprotocol(f"viser-v{viser.__version__}")]
@@ -218,6 +222,28 @@ def test_a_hundred_tabs_and_connections_that_say_nothing_are_refused(view, said,
             assert silent[-1].recv(1) == b""
         assert "too many connections" in said.text
     assert "Traceback" not in said.text + "".join(capfd.readouterr())
+
+
+def test_the_same_is_said_once_in_ten_seconds(monkeypatch, caplog):
+    for now in np.arange(1.0, 60.0, 0.1):
+        monkeypatch.setattr(access.time, "monotonic", lambda now=now: now)
+        access._note_failure(None, {"message": "it failed"})
+    assert len(caplog.records) == 6
+
+
+def test_a_widget_set_to_what_it_does_not_offer_stops_no_page(view):
+    recording = build_recording(60)
+    view.show(Samples.of_recording(recording), Condition("ENABLED"))
+    with RecordingPage(recording, port=0) as page:
+        dropdowns = view._joint, view._span, page._page._joint, page._page._span, page._speed
+        for handle in dropdowns:
+            handle._impl.value = "none of these"
+        page._play.value, page._slider._impl.value = True, float("nan")
+        page._scrub(SimpleNamespace(client=1))
+        for _ in range(2 * PLOT_EVERY):
+            view.draw()
+            page._frame()
+        assert page._begin <= page._t <= page._end
 
 
 ATTACKS = {

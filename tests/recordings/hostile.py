@@ -27,7 +27,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
-from itertools import cycle, pairwise
+from itertools import cycle, pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -222,6 +222,13 @@ def nested_definition(count: int = 9, last: str = "float64 x\n") -> str:
     ) + f"\n{RULE}\nMSG: own/a19\n{last}"  # fmt: skip
 
 
+def messages_that_lie(name: bytes) -> list[bytes]:
+    """Messages of a joint state whose counts and lengths overflow 32 bits once multiplied."""
+    huge = 1 << 29, 1 << 31, (1 << 32) - 1
+    lengths = product((1, *huge), (name.index(b"w") + 1, len(name), *huge), (1, 8, *huge))
+    return [struct.pack("<II4sI", n, size, name, k) + bytes(64) for n, size, k in lengths]
+
+
 STATES = state_records([MESSAGE] * 20)
 EMPTY_LISTS = f"{JOINTS}own/a[] f\n{RULE}\nMSG: own/a\nown/b b\n{RULE}\nMSG: own/b\n"
 FEW = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
@@ -238,6 +245,9 @@ KINDS |= {
     "summary.mcap": summary_that_lies,
     "definition_multiplies.mcap": lambda _: mcap(
         state_records([MESSAGE + bytes(400)] * 20, JOINTS + nested_definition())
+    ),
+    "message_lengths.mcap": lambda _: mcap(
+        state_records([MESSAGE, *[MESSAGE[:4] + m for m in messages_that_lie(b"jaw\0")]])
     ),
     # Every message has a length of its own, and many elements that take no bytes.
     "lists_that_change.mcap": lambda _: mcap(
@@ -262,14 +272,14 @@ def ros1_fields(header: dict[str, bytes]) -> bytes:
     return b"".join(struct.pack("<I", len(field)) + field for field in fields)
 
 
-def ros1_state(count: int) -> bytes:
-    """Connection and messages of a joint state."""
+def ros1_state(count: int, messages: Sequence[bytes] = ()) -> bytes:
+    """Connection and messages of a joint state, all alike or those given."""
     about = {"topic": b"/measured_js", "type": b"sensor_msgs/JointState", "md5sum": b"0" * 32,
              "message_definition": JOINTS.encode()}  # fmt: skip
     message = struct.pack("<II3sIdII", 1, 3, b"jaw", 1, 0.5, 0, 0)
     rows = [
         ros1_record({"op": b"\2", "conn": bytes(4), "time": struct.pack("<II", 1, n)}, message)
-        for n in range(count)
+        for n, message in enumerate(messages or [message] * count)
     ]
     topic = {"op": b"\7", "conn": bytes(4), "topic": b"/measured_js"}
     return b"".join([ros1_record(topic, ros1_fields(about)), *rows])
@@ -326,6 +336,7 @@ KINDS |= {
     "chunk_cut.bag": lambda _: ros1(
         ros1_chunk(bz2.compress(ros1_state(2000))[:-40], b"bz2", (1 << 32) - 1)
     ),
+    "message_lengths.bag": lambda _: ros1(ros1_state(0, messages_that_lie(b"jaw"))),
     "length.bag": lambda _: ros1(ROWS, struct.pack("<I", (1 << 32) - 1) + bytes(100)),
     "chunks_bz2_indexed.bag": indexed,
     "index.bag": index_that_lies,

@@ -101,6 +101,8 @@ def test_the_plain_data_no_longer_need_the_urdf(arm):
         (document(ARM), '"j2"', '"other"', "joint 'j2' is not among the robot's joints j0, other"),
         (document(ARM), 'kind = "prismatic"', "", "joint 'j2' is prismatic there, but not in the"),
         (document(ARM), '"arm.urdf"', '"none.urdf"', "none.urdf: cannot be read"),
+        (document(ARM), '"arm.urdf"', '"\\u0000"', "cannot be read"),
+        (document(ARM), '"arm.urdf"', '"/dev/zero"', "is not a file"),
         (document(ARM), '"arm.urdf"', '"arm.urdf"\ntip = "x"', "no joints lead from link 'x' to"),
         (document(ARM), '"arm.urdf"', '"arm.urdf"\nbase = "l9"', "no joints lead from link 'l9'"),
         (document(ARM), '"arm.urdf"', '"arm.urdf"\nroot = "l9"', "no key called 'root'"),

@@ -64,12 +64,13 @@ class _Stop:
 
     def __init__(self) -> None:
         self.asked = False
-        self._before = signal.getsignal(signal.SIGINT)
+        self._before, self._hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
         self._set(lambda *_: os._exit(INTERRUPTED))
 
     def interrupts(self) -> None:
-        """From now on, Ctrl-C raises KeyboardInterrupt."""
+        """From now on, Ctrl-C raises KeyboardInterrupt, and is silent where nothing can raise."""
         self._set(self._interrupt)
+        sys.unraisablehook = self._unraisable
 
     def ignores(self) -> None:
         """From now on, Ctrl-C does nothing."""
@@ -79,12 +80,17 @@ class _Stop:
         """Do as before, but nothing again once the interpreter clears up."""
         atexit.register(self.ignores)
         self._set(self._before)
+        sys.unraisablehook = self._hook
 
     def _set(self, handler: Any) -> None:
         # Not where it is ignored, as in the background, or where another program runs this one.
         if self._before is signal.default_int_handler:
             with suppress(ValueError):  # not the main thread
                 signal.signal(signal.SIGINT, handler)
+
+    def _unraisable(self, raised: Any) -> None:
+        if raised.exc_type is not KeyboardInterrupt:
+            self._hook(raised)
 
     def _interrupt(self, *_: object) -> None:
         self.asked = True

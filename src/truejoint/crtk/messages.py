@@ -239,8 +239,8 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
     robot.index(order)
     if len(order) != count or len(set(order)) != len(order):
         raise RobotError(
-            f"{len(order)} joint names for {count} positions ({', '.join(names)}); a message has "
-            "one for each"
+            f"{len(order)} joint names for {count} positions ({', '.join(names):.200}); a message "
+            "has one for each"
         )
     return order
 

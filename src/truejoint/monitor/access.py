@@ -258,7 +258,7 @@ class _Brief(logging.Filter):
         kind, now = str(record.msg), time.monotonic()
         if now - self._said.get(kind, -math.inf) < _LOG_PERIOD:
             return False
-        self._said = {kind: now, **self._said} if len(self._said) < 100 else {kind: now}
+        self._said = {**self._said, kind: now} if len(self._said) < 100 else {kind: now}
         return True
 
 
@@ -267,7 +267,7 @@ _log.addFilter(_Brief())
 
 def _note_failure(_loop: Any, context: dict[str, Any]) -> None:
     """Say in one line what failed in a task of the server."""
-    _log.warning("the monitor's page: %s", context.get("exception") or context.get("message"))
+    _log.warning("the monitor's page: %.200s", context.get("exception") or context.get("message"))
 
 
 def _peer(connection: Any) -> str:

@@ -206,9 +206,9 @@ class Page:
         with self._lock, self._server.atomic():
             if self._window is None:
                 return
-            span = float(self._span.value.removesuffix(" s"))
+            span = float(chosen(self._span).removesuffix(" s"))
             shown = self._window.window(self._window.t[-1], span).thinned()
-            joint = self._joint.value
+            joint = chosen(self._joint)
             plots = [*self._more(shown, joint), *panels.plots(shown, self._robot, joint).values()]
             shapes = [(plot.y, *(curve.label for curve in plot.curves)) for plot in plots]
             if shapes != list(self._plots):
@@ -234,6 +234,11 @@ class Page:
             padding=(4, 12, 0, 0),
             order=order,
         )  # fmt: skip
+
+
+def chosen(dropdown: Any) -> str:
+    """Give what is chosen, the first option where a stranger set something that is none."""
+    return str(dropdown.value if dropdown.value in dropdown.options else dropdown.options[0])
 
 
 def _data(plot: Panel) -> tuple[Any, ...]:

@@ -20,7 +20,7 @@ from truejoint.calibration import Calibration
 from truejoint.crtk.arm import Arm, as_arm
 from truejoint.drawing import Panel
 from truejoint.errors import TruejointError
-from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
+from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page, chosen
 from truejoint.monitor.panels import COLOURS, EVERY, overview
 from truejoint.monitor.process import PageProcess
 from truejoint.monitor.samples import MOST_ROWS, Condition, LiveSamples, Samples
@@ -254,7 +254,7 @@ class RecordingPage(_Pictures):
 
     def _scrub(self, event: Any) -> None:
         if event.client is not None:  # moved by a person, not by `_frame`
-            self._t = float(self._slider.value)
+            self._t = min(max(self._begin, float(self._slider.value)), self._end)  # also of NaN
 
     def _add_controls(self, gui: Any) -> None:
         self._slider = gui.add_slider("Time [s]", self._begin, self._end, 0.01, self._t)
@@ -280,7 +280,7 @@ class RecordingPage(_Pictures):
         passed, self._last = now - self._last, now
         if self._play.value:
             self._t = self._t if self._t < self._end else self._begin  # played to its end: again
-            self._t = min(self._t + passed * float(self._speed.value), self._end)
+            self._t = min(self._t + passed * float(chosen(self._speed)), self._end)
             self._slider.value = self._t
             self._play.value = self._t < self._end
         if self._t == self._drawn:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import zlib
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -279,8 +280,9 @@ def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix, shar
     assert any("cut short" in reason for reason in found.provenance.dropped)
 
 
-def _chunk(content: bytes) -> bytes:
-    return record(6, bytes(32) + len(content).to_bytes(8, "little") + content + b"more")
+def _chunk(content: bytes, checksum: int = 0) -> bytes:
+    head = bytes(24) + checksum.to_bytes(4, "little") + bytes(4)
+    return record(6, head + len(content).to_bytes(8, "little") + content + b"more")
 
 
 ENDLESS = b"\x04" + (1 << 60).to_bytes(8, "little") + b"rest"
@@ -292,6 +294,8 @@ ENDLESS = b"\x04" + (1 << 60).to_bytes(8, "little") + b"rest"
         (record(5, b"abc"), {DAMAGED: 1}),  # a message too short to be one
         (ENDLESS, {CUT_SHORT: len(ENDLESS)}),
         (_chunk(b"\5\1\2"), {CUT_SHORT: 3}),
+        (_chunk(b"\5\1\2", zlib.crc32(b"\5\1\2")), {CUT_SHORT: 3}),
+        (_chunk(b"\5\1\2", zlib.crc32(b"\5\1\3")), {DAMAGED: 1}),
         (_chunk(b"\5" + (8).to_bytes(8, "little") + b"short"), {CUT_SHORT: 14}),
     ],
 )

@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import sqlite3
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
@@ -29,7 +30,7 @@ _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _PACKED: Final = (".mcap.zstd", ".db3.zstd")  # how a bag is called that was packed as a whole
 
 CUT_SHORT: Final = "bytes behind the last whole record of a file that was cut short"
-DAMAGED: Final = "chunks that do not unpack, or records of a wrong length"
+DAMAGED: Final = "chunks that do not unpack or of a wrong checksum, or records of a wrong length"
 
 _HEADERS: Final = range(30, 1 << 20)  # bytes that a record's header may have
 _ROWS, _BYTES = 4096, 1 << 24  # of messages that are given out together
@@ -352,6 +353,16 @@ def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
     return counts
 
 
+def _unpack_mcap(chunk: bytes, bag: _Bag, *, is_whole: bool) -> bytes:
+    """Unpack records of a chunk; raises struct.error where they are not those that were written."""
+    packing, place = _text(chunk, 28)  # behind its times, size unpacked and checksum
+    (checksum,), (size,) = _U32.unpack_from(chunk, 24), _U64.unpack_from(chunk, place)
+    records = bag.unpack(chunk[place + 8 : place + 8 + size], packing)
+    if is_whole and checksum and zlib.crc32(records) != checksum:
+        raise struct.error("a wrong checksum")
+    return records
+
+
 def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
     """Messages of a file, or of the records of a chunk."""
     whole, end = file.tell(), file.seek(0, 2)
@@ -365,9 +376,7 @@ def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
         try:
             if op == _MCAP_CHUNK:
                 chunk = bag.read(file, min(length, end - begin))
-                packing, place = _text(chunk, 28)  # behind its times, size unpacked and checksum
-                (size,) = _U64.unpack_from(chunk, place)
-                records = bag.unpack(chunk[place + 8 : place + 8 + size], packing)
+                records = _unpack_mcap(chunk, bag, is_whole=begin + length <= end)
                 yield from _mcap(io.BytesIO(records), bag, in_chunk=True)
             elif op == _MCAP_MESSAGE:
                 size = _MCAP_MESSAGE_HEAD.size
