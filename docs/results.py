@@ -102,11 +102,14 @@ def readme() -> str:
 
 def main(paths: list[str]) -> None:
     """Take over the outputs of these files, and write both pages."""
+    on_page = re.findall(r"^\{\{([\w-]+)", (STORED / "page.md").read_text("utf-8"), re.MULTILINE)
     for given in paths:
         name, _, file = given.rpartition("=")
-        path = Path(file)
-        output = of_study(path) if path.suffix == ".json" else of_benchmark(path)
-        store(name or path.stem, output)
+        path, name = Path(file), name or Path(file).stem
+        if name in on_page:
+            store(name, of_study(path) if path.suffix == ".json" else of_benchmark(path))
+        else:
+            print(f"{given}: the page shows no {name}")  # noqa: T201
     PAGE.write_text(page(), "utf-8")
     README.write_text(readme(), "utf-8")
 
