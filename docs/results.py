@@ -1,8 +1,8 @@
 """Write docs/results.md, and README's table, from the stored outputs in docs/results/.
 
     python docs/results.py                                # both anew
-    python docs/results.py studies/*/*.json bench/*.md    # with these outputs in place of the stored
-    python docs/results.py forceps-b=studies/forceps-unloaded/forceps-unloaded.json   # by another name
+    python docs/results.py studies/*/*.json bench/*.md    # with these in place of the stored
+    python docs/results.py NAME=studies/timing/timing.json    # stored by another name
 
 A stored output holds tables of texts and the command that made them: of ``truejoint study`` its
 JSON without the rows, of ``make bench`` the tables of its Markdown. ``docs/results/page.md`` says

@@ -331,7 +331,11 @@ def stored(name: str, table: int = 0) -> pd.DataFrame:
 def steps_in_c() -> Any:
     """Draw the times of a step in C for three joints, of the table in the results."""
     cells = stored("speed")["3 joints: Python, C"]
-    times = {name.strip("`"): cell.split(", ")[1] for name, cell in cells.items() if re.search(r", \d", cell)}
+    times = {
+        name.strip("`"): cell.split(", ")[1]
+        for name, cell in cells.items()
+        if re.search(r", \d", cell)
+    }
     known = sorted(((float(us), name) for name, us in times.items()), reverse=True)
     figure, axes = panels(height=3.2)
     axis = axes[0, 0]
@@ -446,9 +450,8 @@ def like() -> Any:
     table = stored("like")
     figure, axes = panels(height=2.8)
     axis, x = axes[0, 0], np.arange(len(table))
-    for k, (column, colour) in enumerate(
-        {"20 s alone": MEASURED, "20 s like four": CORRECTED, "its own full calibration": OTHER}.items()
-    ):
+    columns = ("20 s alone", "20 s like four", "its own full calibration")
+    for k, (column, colour) in enumerate(zip(columns, (MEASURED, CORRECTED, OTHER), strict=True)):
         axis.bar(x + 0.27 * (k - 1), table[column].astype(float), 0.25, color=colour, label=column)
     axis.set(xticks=x, xticklabels=[name.strip("`") for name in table.index], ylabel="RMSE [deg]")
     axis.legend(frameon=False, loc="upper right", ncols=3, bbox_to_anchor=(1.0, 1.2))
@@ -496,8 +499,8 @@ def twin_paper() -> Any:
     table, pair = stored("directions"), re.compile(r"([\d.]+) \(([\d.]+)\)")
     figure, axes = panels(height=4.0)
     axis = axes[0, 0]
-    colours = dict(zip(("dnn", "poly2", "linear", "offset", "raw"),
-                       (CORRECTED, "#d9a05b", "#5b8c5a", OTHER, MEASURED), strict=True))  # fmt: skip
+    colours = {"dnn": CORRECTED, "poly2": "#d9a05b", "linear": "#5b8c5a"}
+    colours |= {"offset": OTHER, "raw": MEASURED}
     for column in table:
         here = np.array([pair.match(cell).groups() for cell in table[column]], float)
         name = column.split(" ")[0]
@@ -525,8 +528,8 @@ def interval() -> Any:
     inside = np.mean((lower[:, joint] <= truth) & (truth <= upper[:, joint]))
     figure, axes = panels()
     axis = axes[0, 0]
-    axis.fill_between(t, np.degrees(lower - corrected)[:, joint],
-                      np.degrees(upper - corrected)[:, joint], color="#c9dcee", label="90 % interval")  # fmt: skip
+    bounds = (np.degrees(bound - corrected)[:, joint] for bound in (lower, upper))
+    axis.fill_between(t, *bounds, color="#c9dcee", label="90 % interval")
     axis.plot(t, np.degrees(truth - corrected[:, joint]), color=TRUE, lw=1.0,
               label=f"true - corrected, {100.0 * inside:.0f} % inside")  # fmt: skip
     axis.set(xlabel="time [s]", ylabel="elbow [deg]")
