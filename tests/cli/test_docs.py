@@ -54,8 +54,7 @@ def test_a_page_that_a_command_writes_is_up_to_date(name: str) -> None:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    text = path.with_suffix(".md").read_text("utf-8")
-    assert text == module.page(), f"run: python docs/{name}.py"
+    assert path.with_suffix(".md").read_text("utf-8") == module.page(), f"run: docs/{name}.py"
 
 
 def test_what_is_no_command_or_option_is_found() -> None:
