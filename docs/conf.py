@@ -71,7 +71,7 @@ def write_pages() -> None:
         names = [
             each
             for each, value in exported.items()
-            if not hasattr(value, "__path__")
+            if not (each.startswith("_") or hasattr(value, "__path__"))
             and not (isinstance(value, type) and value.__name__ != each)  # a name's other name
         ]
         rows = "\n".join(f"   {each}" for each in sorted(names))
