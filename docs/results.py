@@ -83,9 +83,10 @@ def section(name: str, *chosen: str) -> str:
         lines += [*lines_of(table), ""]
         for note in table["notes"]:
             lines += [] if note.startswith(RULE) else [note, ""]
-    commands = origin["command"].split(" && ")
-    return "\n".join([*lines, f"{' and '.join(f'`{each}`' for each in commands)}, "
-                              f"{origin['created'][:10]}."])  # fmt: skip
+    day = origin["created"][:10]
+    commands = " and ".join(f"`{each}`" for each in origin["command"].split(" && ") if each)
+    last = f"{commands}, {day}." if commands else f"Stored {day}; no one command repeats it."
+    return "\n".join([*lines, last])
 
 
 def page() -> str:
