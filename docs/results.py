@@ -7,7 +7,7 @@
 A stored output holds tables of texts and the command that made them: of ``truejoint study`` its
 JSON without the rows, of ``make bench`` the tables of its Markdown. ``docs/results/page.md`` says
 where each stands: a line ``{{name}}`` is replaced by the tables of ``docs/results/name.json``, and
-``{{name 0 2}}`` by its first and third.
+``{{name|median|worst}}`` by those with one of these words in the title.
 """
 
 from __future__ import annotations
@@ -24,7 +24,20 @@ STORED: Final = DOCS / "results"
 PAGE: Final = DOCS / "results.md"
 README: Final = DOCS.parent / "README.md"
 README_TABLE: Final = re.compile(r"^\| data set, .*?\n\n", re.DOTALL | re.MULTILINE)
-NOT_IN_README: Final = "`peg_transfer`"
+COLUMNS: Final = {
+    "raw": "raw", "offset": "fixed offset", "linear": "linear", "dnn": "network",
+    "auto": "`-e auto`",
+}  # fmt: skip
+"""Columns of README's table, by those of the study `real`."""
+HELD_OUT: Final = {
+    "davinci_grasper_umn, frequency": "da Vinci grasper, one frequency",
+    "davinci_grasper_umn, load": "da Vinci grasper, two loads",
+    "dvrk_psm_berkeley, random": "dVRK PSM `random`, last 30 %",
+    "bros_dual_encoder, part": "BROS haptic arm, second file",
+    "kuka_kr300_dual_encoder, trajectory": "KUKA KR300, second motion",
+    "kflex_tendon_sheath, period": "K-FLEX tendon sheath, last half",
+}
+"""Rows of README's table, by the data set and split of the study `real`."""
 RULE: Final = "A claim holds, or does not"  # of claims, which stand on a page of their own
 
 
@@ -67,10 +80,9 @@ def stored(name: str) -> dict[str, Any]:
     return json.loads((STORED / f"{name}.json").read_text("utf-8"))  # type: ignore[no-any-return]
 
 
-def lines_of(table: dict[str, Any], *, leave_out: str = "") -> list[str]:
+def lines_of(table: dict[str, Any]) -> list[str]:
     """Write a table as Markdown."""
-    rows = [row for row in table["rows"] if not leave_out or leave_out not in row[0]]
-    cells = [table["header"], ["---"] * len(table["header"]), *rows]
+    cells = [table["header"], ["---"] * len(table["header"]), *table["rows"]]
     return ["| " + " | ".join(row) + " |" for row in cells]
 
 
@@ -78,7 +90,9 @@ def section(name: str, *chosen: str) -> str:
     """Write the tables of an output, all or those chosen, with the command that makes them."""
     output = stored(name)
     origin, lines = output["origin"], []
-    for table in [output["tables"][int(k)] for k in chosen] or output["tables"]:
+    for table in output["tables"]:
+        if chosen and not any(words in table["title"] for words in chosen):
+            continue
         lines += [f"**{table['title']}**", ""] if table["title"] else []
         lines += [*lines_of(table), ""]
         for note in table["notes"]:
@@ -92,12 +106,20 @@ def section(name: str, *chosen: str) -> str:
 def page() -> str:
     """Write out the page of results."""
     text = (STORED / "page.md").read_text("utf-8")
-    return re.sub(r"^\{\{(.+)\}\}$", lambda m: section(*m[1].split()), text, flags=re.MULTILINE)
+    return re.sub(r"^\{\{(.+)\}\}$", lambda m: section(*m[1].split("|")), text, flags=re.MULTILINE)
 
 
 def readme() -> str:
     """Write README with the table of real recordings as it is stored."""
-    lines = lines_of(stored("real")["tables"][0], leave_out=NOT_IN_README)
+    table = stored("real")["tables"][0]
+    at = [table["header"].index(column) for column in COLUMNS]
+    rows = []
+    for row in table["rows"]:
+        name, joint = row[0].split(": ")
+        if name in HELD_OUT:
+            rows.append([HELD_OUT[name], joint, *(row[k].split(" ±")[0] for k in at)])
+    header = ["data set, what is held out", "joint", *COLUMNS.values()]
+    lines = lines_of({"header": header, "rows": rows})
     return README_TABLE.sub(lambda _: "\n".join(lines) + "\n\n", README.read_text("utf-8"))
 
 
@@ -107,10 +129,13 @@ def main(paths: list[str]) -> None:
     for given in paths:
         name, _, file = given.rpartition("=")
         path, name = Path(file), name or Path(file).stem
-        if name in on_page:
-            store(name, of_study(path) if path.suffix == ".json" else of_benchmark(path))
-        else:
+        output = of_study(path) if path.suffix == ".json" else of_benchmark(path)
+        if name not in on_page:
             print(f"{given}: the page shows no {name}")  # noqa: T201
+        elif name == "real" and not {*COLUMNS} <= {*output["tables"][0]["header"]}:
+            print(f"{given}: lacks a column of {', '.join(COLUMNS)}")  # noqa: T201
+        else:
+            store(name, output)
     PAGE.write_text(page(), "utf-8")
     README.write_text(readme(), "utf-8")
 

@@ -31,6 +31,7 @@ from truejoint.runtime import Compensator, Corrector, OnFault, motor_loop
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies.forceps.motions import record
+from truejoint.tables import DASH
 
 MEASURED, TRUE, OTHER, CORRECTED = "#b3541e", "#1a1a1a", "#8a8a8a", "#1f6fb2"
 WIDTH: Final = 8.0  # [in]
@@ -321,10 +322,10 @@ def rezeroed() -> Any:
     return figure
 
 
-def stored(name: str, table: int = 0) -> pd.DataFrame:
-    """Read a table of the page of results, indexed by its first column."""
+def stored(name: str, title: str = "") -> pd.DataFrame:
+    """Read the first table with these words in its title, indexed by its first column."""
     output = json.loads((PAGES / "results" / f"{name}.json").read_text("utf-8"))
-    kept = output["tables"][table]
+    kept = next(table for table in output["tables"] if title in table["title"])
     return pd.DataFrame(kept["rows"], columns=kept["header"]).set_index(kept["header"][0])
 
 
@@ -479,13 +480,15 @@ def lever() -> Any:
 
 def real() -> Any:
     """Draw what the linear model and the automatic choice leave of the offset's error."""
-    table = stored("real").reset_index()
-    rows = [f"{row[0].replace('`', '')}: {row[1].split(' [')[0]}" for row in table.to_numpy()]
+    table = stored("real")
+    table = table[table["offset"] != DASH]
+    rows = [name.split(" [")[0] for name in table.index]
     figure, axes = panels(height=5.0)
     axis, y = axes[0, 0], np.arange(len(table))[::-1]
-    for column, colour in (("linear", OTHER), ("network", "#d9a05b"), ("`-e auto`", CORRECTED)):
-        share = 100.0 * table[column].astype(float) / table["fixed offset"].astype(float)
-        axis.plot(share, y, "o", color=colour, label=column.strip("`"))
+    offset = table["offset"].astype(float)
+    for column, colour in (("linear", OTHER), ("dnn", "#d9a05b"), ("auto", CORRECTED)):
+        share = 100.0 * table[column].str.split(" ±").str[0].astype(float) / offset
+        axis.plot(share, y, "o", color=colour, label=f"-e {column}")
     axis.axvline(100.0, color=TRUE, lw=0.8, ls=":")
     axis.set(yticks=y, yticklabels=rows, xlim=(0.0, None), xlabel="RMSE, % of the fixed offset's")
     axis.tick_params(axis="y", labelsize=8)
@@ -496,7 +499,10 @@ def real() -> Any:
 
 def twin_paper() -> Any:
     """Draw the errors of the twin like peng2024 against those that the paper prints."""
-    table, pair = stored("directions"), re.compile(r"([\d.]+) \(([\d.]+)\)")
+    table, pair = (
+        stored("directions", "Table I, specimen peng2024"),
+        re.compile(r"([\d.]+) \(([\d.]+)\)"),
+    )
     figure, axes = panels(height=4.0)
     axis = axes[0, 0]
     colours = {"dnn": CORRECTED, "poly2": "#d9a05b", "linear": "#5b8c5a"}
