@@ -6,7 +6,7 @@ DEMO := demo
 FUZZ_MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint site bench fuzz sbom audit lock clean
+.PHONY: help demo test lint results site bench fuzz sbom audit lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -33,6 +33,9 @@ fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): comma
 	$(BIN)/python -m tests.fuzz.frames --count $$((20000 * $(FUZZ_MINUTES)))
 	$(BIN)/python -m tests.fuzz.loop --count $$((100000 * $(FUZZ_MINUTES)))
 	FUZZ_MINUTES=$(FUZZ_MINUTES) $(BIN)/python -m pytest -n auto tests/export/test_sanitizers.py
+
+results: $(VENV)/.installed ## Write the page of results anew, with what studies/ and bench/ hold
+	$(BIN)/python docs/results.py $(wildcard studies/*/*.json) $(wildcard bench/*.md)
 
 VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 site: $(VENV)/.installed-site ## Build the manual, the gallery and the API into site/VERSION/, offline

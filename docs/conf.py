@@ -19,7 +19,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["gallery/*.ipynb", "templates"]
+exclude_patterns = ["gallery/*.ipynb", "results/page.md", "static", "templates"]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 root_doc = "index"
 templates_path = ["templates"]
@@ -40,6 +40,10 @@ html_theme_options = {
     "footer_end": [],
 }
 html_show_sourcelink = False
+html_static_path = ["static"]
+html_css_files = ["manual.css"]
+html_sidebars = {"install": [], "first_steps": []}  # which have no section to list
+highlight_language = "none"  # of what a command prints
 
 sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parent / "examples" / "gallery"),
@@ -67,7 +71,7 @@ def write_pages() -> None:
         names = [
             each
             for each, value in exported.items()
-            if not hasattr(value, "__path__")
+            if not (each.startswith("_") or hasattr(value, "__path__"))
             and not (isinstance(value, type) and value.__name__ != each)  # a name's other name
         ]
         rows = "\n".join(f"   {each}" for each in sorted(names))

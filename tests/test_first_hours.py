@@ -131,8 +131,8 @@ def test_a_user_of_the_filter_alone(run: Callable[[str], str]) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*plain Python")
 def test_who_comes_from_filterpy(run: Callable[[str], str], capsys: Any) -> None:
-    names = execute(blocks("from_filterpy.md", "python")[0])
-    assert capsys.readouterr().out == blocks("from_filterpy.md")[0]
+    names = execute(blocks("filter.md", "python")[1])
+    assert capsys.readouterr().out == blocks("filter.md")[1]
 
     same = linear_model([[1.0, 0.1], [0.0, 1.0]], [[], []], [[1.0, 0.0]],
                         names["model"].process_noise, [[1e-2]])  # fmt: skip

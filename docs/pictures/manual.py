@@ -1,11 +1,12 @@
 """Draw the manual's pictures, each of what its page says.
 
-Run ``python docs/pictures/manual.py [NAME ...]``; it needs the extra ``plots`` and two minutes.
+Run ``python docs/pictures/manual.py [NAME ...]``; it needs the extra ``plots`` and four minutes.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import re
 import sys
@@ -20,14 +21,17 @@ import numpy as np
 import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import truejoint
-from truejoint.motion import follow, random_motion
-from truejoint.recordings import Recorder
-from truejoint.runtime import Compensator, Corrector, OnFault
+from truejoint.motion import designed_motion, follow, random_motion, zigzag
+from truejoint.recordings import Recorder, Stream
+from truejoint.recordings.join.joining import find_clock_offset
+from truejoint.runtime import Compensator, Corrector, OnFault, motor_loop
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies.forceps.motions import record
+from truejoint.tables import DASH
 
 MEASURED, TRUE, OTHER, CORRECTED = "#b3541e", "#1a1a1a", "#8a8a8a", "#1f6fb2"
 WIDTH: Final = 8.0  # [in]
@@ -218,11 +222,14 @@ def topics() -> Any:
 
 def page_of(name: str) -> dict[str, Any]:
     """Run the first Python block of a page in a new folder; give its variables."""
-    block = re.findall(r"```python\n(.*?)```", (PAGES / name).read_text("utf-8"), re.DOTALL)[0]
+    text = (PAGES / name).read_text("utf-8")
+    block = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0]
+    tables = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     names: dict[str, Any] = {}
     with TemporaryDirectory() as folder, contextlib.chdir(folder):
         path = Path("page.py").resolve()  # numba keeps what it compiles beside the source
         path.write_text(block, "utf-8")
+        Path("lever.toml").write_text(tables[0] if tables else "", "utf-8")
         exec(compile(block, str(path), "exec"), names)  # noqa: S102 - our own page
         files = sorted(Path.cwd().glob("*.csv"))
         names["tables"] = [np.loadtxt(file, delimiter=";", skiprows=1) for file in files]
@@ -315,15 +322,224 @@ def rezeroed() -> Any:
     return figure
 
 
+def stored(name: str, title: str = "") -> pd.DataFrame:
+    """Read the first table with these words in its title, indexed by its first column."""
+    output = json.loads((PAGES / "results" / f"{name}.json").read_text("utf-8"))
+    kept = next(table for table in output["tables"] if title in table["title"])
+    return pd.DataFrame(kept["rows"], columns=kept["header"]).set_index(kept["header"][0])
+
+
 def steps_in_c() -> Any:
     """Draw the times of a step in C for three joints, of the table in the results."""
-    text = (PAGES / "results.md").read_text("utf-8")
-    row = re.compile(r"^\| `(\w+)`.* \| [^|]* \| [\d.]+, ([\d.]+) \| [^|]* \|$", re.MULTILINE)
-    times = sorted(((float(us), name) for name, us in row.findall(text)), reverse=True)
+    cells = stored("speed")["3 joints: Python, C"]
+    times = {
+        name.strip("`"): cell.split(", ")[1]
+        for name, cell in cells.items()
+        if re.search(r", \d", cell)
+    }
+    known = sorted(((float(us), name) for name, us in times.items()), reverse=True)
     figure, axes = panels(height=3.2)
     axis = axes[0, 0]
-    axis.barh([name for _, name in times], [us for us, _ in times], color=CORRECTED)
+    axis.barh([name for _, name in known], [us for us, _ in known], color=CORRECTED)
     axis.set(xlabel="time of a step in C, three joints [us]")
+    return figure
+
+
+def steps() -> Any:
+    """Draw the motions of the first steps: what is calibrated on, and what judges."""
+    robot = truejoint.get_robot("raven2", "left")
+    motions = {
+        "zig-zag, to calibrate on": zigzag(robot, "J1-J2-J3", 0.25),
+        "random motion, to judge by": random_motion(robot, 600.0, seed=7),
+    }
+    figure, axes = panels(1, 2, 3.6, sharey=True)
+    for axis, (title, motion) in zip(axes[0], motions.items(), strict=True):
+        shoulder, elbow = np.degrees(motion.positions[:, :2].T)
+        axis.plot(shoulder, elbow, color=OTHER, lw=0.5, rasterized=True)
+        few = slice(None, None, max(1, len(shoulder) // 600))
+        insertion = 1e3 * motion.positions[few, 2]
+        dots = axis.scatter(shoulder[few], elbow[few], c=insertion, s=8, cmap="viridis", zorder=2)
+        axis.set(title=title, xlabel="shoulder [deg]")
+    axes[0, 0].set_ylabel("elbow [deg]")
+    figure.colorbar(dots, ax=axes[0, 1], label="insertion [mm]")
+    return figure
+
+
+def motions() -> Any:
+    """Draw two motions to calibrate on, and the elbow's tracking error with and without a loop."""
+    robot = twin().robot
+    figure, axes = panels(1, 3, 3.0)
+    kinds = {"zig-zag": zigzag(robot, "J1-J2-J3", 0.25), "designed": designed_motion(robot, 150.0)}
+    for axis, (title, motion) in zip(axes[0], kinds.items(), strict=False):
+        axis.plot(*np.degrees(motion.positions[:, :2].T), color=CORRECTED, lw=0.8)
+        axis.set(title=title, xlabel="shoulder [deg]", ylabel="elbow [deg]")
+    path, x = random_motion(robot, 60.0, seed=3), np.arange(3)
+    steerings = {"set-points alone": None, "with motor_loop": motor_loop(robot)}
+    for k, (name, steering) in enumerate(steerings.items()):
+        twin().move_jp(robot.home).wait()
+        rms = follow(twin(), path, steering=steering).rms * [180 / math.pi, 180 / math.pi, 1e3]
+        axes[0, 2].bar(x + 0.4 * k - 0.2, rms, 0.38, color=(MEASURED, CORRECTED)[k], label=name)
+    axes[0, 2].set(title="wanted - reported, RMS", ylabel="deg, deg, mm", xticks=x,
+                   xticklabels=("shoulder", ELBOW, "insertion"))  # fmt: skip
+    axes[0, 2].tick_params(axis="x", labelsize=8)
+    axes[0, 2].legend(frameon=False, loc="upper left", fontsize=8)
+    axes[0, 2].set_ylim(0.0, 0.5)
+    return figure
+
+
+def clocks() -> Any:
+    """Draw two clocks' motions, and how alike they are by the offset that is tried."""
+    recording = training()[0]
+    joints = ("shoulder", ELBOW, "insertion")
+    known = np.isfinite(recording[f"truth/{ELBOW}"])
+    t = recording.t[known] - 1.3  # s by which the encoders' clock is behind
+    stream = Stream(t, {f"truth/{joint}": recording[f"truth/{joint}"][known] for joint in joints})
+    truth = stream.columns[f"truth/{ELBOW}"]
+    found = find_clock_offset(recording, stream)
+    figure, axes = panels(1, 2, 2.8, width_ratios=(3, 2))
+    measured = np.degrees(recording[f"measured/{ELBOW}"])
+    for stamps, values, colour, label in (
+        (recording.t, measured, MEASURED, "reported by the robot"),
+        (t, np.degrees(truth), TRUE, "encoder, by its own clock"),
+    ):
+        axes[0, 0].plot(stamps - t[0], values - values.mean(), color=colour, lw=1.4, label=label)
+    axes[0, 0].set(xlim=(0.0, 30.0), xlabel="time [s]", ylabel="elbow less its mean [deg]")
+    axes[0, 0].legend(frameon=False, loc="lower left", ncols=2, bbox_to_anchor=(0.0, 1.0))
+    tried = np.arange(-6.0, 6.0, 0.02)
+    grid = np.arange(recording.t[0] + 8.0, recording.t[-1] - 8.0, 0.02)
+    reported = np.gradient(np.interp(grid, recording.t, measured))
+    alike = [
+        np.corrcoef(reported, np.gradient(np.interp(grid, t + offset, np.degrees(truth))))[0, 1]
+        for offset in tried
+    ]
+    axes[0, 1].plot(tried, alike, color=CORRECTED, lw=1.4)
+    axes[0, 1].axvline(found.seconds, color=TRUE, lw=0.8, ls=":")
+    axes[0, 1].set(title=f"{found.seconds:.3f} s found", xlabel="offset that is tried [s]",
+                   ylabel="correlation of the speeds")  # fmt: skip
+    return figure
+
+
+def block() -> Any:
+    """Draw the printed block, and what six touches of it mend."""
+    shape = truejoint.tip.design_block(truejoint.get_robot("raven2", "left"))
+    figure = plt.figure(figsize=(WIDTH, 3.4), layout="constrained")
+    solid = figure.add_subplot(1, 2, 1, projection="3d")
+    facets = np.frombuffer(shape.stl()[84:], np.dtype([("xyz", "<f4", (4, 3)), ("pad", "<u2")]))
+    faces = Poly3DCollection(facets["xyz"][:, 1:], facecolors="#dfe8f1", shade=True)
+    faces.set_rasterized(True)
+    solid.add_collection3d(faces)
+    size = 1e3 * shape.size
+    solid.set(xlim=(0, size[0]), ylim=(0, size[1]), zlim=(0, size[2]), xlabel="x [mm]",
+              ylabel="y [mm]", zlabel="z [mm]", box_aspect=size)  # fmt: skip
+    axis = figure.add_subplot(1, 2, 2)
+    axis.spines[["top", "right"]].set_visible(False)
+    table = stored("touch").reset_index()
+    names = [f"{row.specimen}\n{row.model}" for row in table.itertuples()]
+    columns = {"after the homing": MEASURED, "after six touches": CORRECTED,
+               "full calibration": OTHER}  # fmt: skip
+    x = np.arange(len(names))
+    for k, (column, colour) in enumerate(columns.items()):
+        axis.bar(x + 0.27 * (k - 1), table[column].astype(float), 0.25, color=colour, label=column)
+    axis.set(xticks=x, xticklabels=names, ylabel="error of the tip [mm]")
+    axis.tick_params(axis="x", labelsize=8)
+    axis.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=8)
+    return figure
+
+
+def like() -> Any:
+    """Draw what twenty seconds of truth are worth alone, and with models of like instruments."""
+    table = stored("like")
+    figure, axes = panels(height=2.8)
+    axis, x = axes[0, 0], np.arange(len(table))
+    columns = ("20 s alone", "20 s like four", "its own full calibration")
+    for k, (column, colour) in enumerate(zip(columns, (MEASURED, CORRECTED, OTHER), strict=True)):
+        axis.bar(x + 0.27 * (k - 1), table[column].astype(float), 0.25, color=colour, label=column)
+    axis.set(xticks=x, xticklabels=[name.strip("`") for name in table.index], ylabel="RMSE [deg]")
+    axis.legend(frameon=False, loc="upper right", ncols=3, bbox_to_anchor=(1.0, 1.2))
+    return figure
+
+
+def lever() -> Any:
+    """Draw the error of the lever that the page on own robots brings, and what its trees leave."""
+    names = page_of("robots.md")
+    model, test = names["model"], names["test"]
+    offset = truejoint.calibrate(names["training"], "offset")
+    figure, axes = panels()
+    axis = axes[0, 0]
+    errors = {
+        "reported": -test.error(test.joints)[:, 0],
+        "less a fixed offset": offset.correct(test)[:, 0] - test["truth/lever"],
+        "trees": model.correct(test)[:, 0] - test["truth/lever"],
+    }
+    for (name, error), colour in zip(errors.items(), (MEASURED, OTHER, CORRECTED), strict=True):
+        axis.plot(test.t[::4], np.degrees(error)[::4], color=colour, lw=1.2, label=name)
+    axis.set(xlabel="time [s]", ylabel="error of the lever [deg]")
+    axis.legend(frameon=False, loc="lower left", ncols=3, bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
+def real() -> Any:
+    """Draw what the linear model and the automatic choice leave of the offset's error."""
+    table = stored("real")
+    table = table[table["offset"] != DASH]
+    rows = [name.split(" [")[0] for name in table.index]
+    figure, axes = panels(height=5.0)
+    axis, y = axes[0, 0], np.arange(len(table))[::-1]
+    offset = table["offset"].astype(float)
+    for column, colour in (("linear", OTHER), ("dnn", "#d9a05b"), ("auto", CORRECTED)):
+        share = 100.0 * table[column].str.split(" ±").str[0].astype(float) / offset
+        axis.plot(share, y, "o", color=colour, label=f"-e {column}")
+    axis.axvline(100.0, color=TRUE, lw=0.8, ls=":")
+    axis.set(yticks=y, yticklabels=rows, xlim=(0.0, None), xlabel="RMSE, % of the fixed offset's")
+    axis.tick_params(axis="y", labelsize=8)
+    axis.grid(axis="y", color="#e5e5e5", lw=0.6)
+    axis.legend(frameon=False, loc="lower left", ncols=3, bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
+def twin_paper() -> Any:
+    """Draw the errors of the twin like peng2024 against those that the paper prints."""
+    table, pair = (
+        stored("directions", "Table I, specimen peng2024"),
+        re.compile(r"([\d.]+) \(([\d.]+)\)"),
+    )
+    figure, axes = panels(height=4.0)
+    axis = axes[0, 0]
+    colours = {"dnn": CORRECTED, "poly2": "#d9a05b", "linear": "#5b8c5a"}
+    colours |= {"offset": OTHER, "raw": MEASURED}
+    for column in table:
+        here = np.array([pair.match(cell).groups() for cell in table[column]], float)
+        name = column.split(" ")[0]
+        axis.loglog(here[:, 1], here[:, 0], "o", color=colours[name], label=name)
+    axis.plot([0.05, 20.0], [0.05, 20.0], color=TRUE, lw=0.8, ls=":")
+    axis.set(xlabel="RMSE in the paper [deg, mm]", ylabel="RMSE of the twin [deg, mm]")
+    axis.legend(frameon=False, loc="upper left")
+    return figure
+
+
+def interval() -> Any:
+    """Draw the elbow's error and interval after another homing, re-zeroed from ten seconds."""
+    arm, sessions = twin(), []
+    for k in range(20):
+        arm.home()
+        sessions.append(recorded(random_motion(arm.robot, 40.0, seed=20 + k)))
+    linear = truejoint.calibrate(training(), "linear")
+    model = truejoint.calibration.with_interval(linear, sessions, rezero=10.0)
+    arm.home()
+    test = recorded(random_motion(arm.robot, 60.0, seed=50))
+    today = model.at(truejoint.calibration.find_zero(model, test.rows(test.t < test.t[0] + 10.0)))
+    corrected, lower, upper = today.correct_with_interval(test)
+    joint = list(today.joints).index(ELBOW)
+    t, truth = test.t - test.t[0], test[f"truth/{ELBOW}"]
+    inside = np.mean((lower[:, joint] <= truth) & (truth <= upper[:, joint]))
+    figure, axes = panels()
+    axis = axes[0, 0]
+    bounds = (np.degrees(bound - corrected)[:, joint] for bound in (lower, upper))
+    axis.fill_between(t, *bounds, color="#c9dcee", label="90 % interval")
+    axis.plot(t, np.degrees(truth - corrected[:, joint]), color=TRUE, lw=1.0,
+              label=f"true - corrected, {100.0 * inside:.0f} % inside")  # fmt: skip
+    axis.set(xlabel="time [s]", ylabel="elbow [deg]")
+    axis.legend(frameon=False, loc="lower left", ncols=2, bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
@@ -339,6 +555,15 @@ PICTURES: Final[dict[str, Callable[[], Any]]] = {
     "table_1": table_1,
     "rezeroed": rezeroed,
     "steps_in_c": steps_in_c,
+    "steps": steps,
+    "motions": motions,
+    "clocks": clocks,
+    "block": block,
+    "like": like,
+    "lever": lever,
+    "real": real,
+    "twin_paper": twin_paper,
+    "interval": interval,
 }
 
 

@@ -46,15 +46,15 @@ def test_commands_of_the_docs_are_known(page: Path) -> None:
     assert not wrong
 
 
-def test_the_page_of_commands_is_that_of_the_command_line() -> None:
-    path = ROOT / "docs" / "commands.py"
-    spec = importlib.util.spec_from_file_location("commands_page", path)
+@pytest.mark.parametrize("name", ["commands", "results"])
+def test_a_page_that_a_command_writes_is_up_to_date(name: str) -> None:
+    path = ROOT / "docs" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"{name}_page", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    text = (ROOT / "docs" / "commands.md").read_text("utf-8")
-    assert text == module.page(), "run: python docs/commands.py"
+    assert path.with_suffix(".md").read_text("utf-8") == module.page(), f"run: docs/{name}.py"
 
 
 def test_what_is_no_command_or_option_is_found() -> None:

@@ -58,7 +58,7 @@ def rezero(
         move = with_unit(zero.details["unnoticed_move"], "m")
         out.print(
             f"The deviations hold a move of the block by {move} since its pose was found, which "
-            "these touches do not show; references do (docs/touch.md)",
+            "these touches do not show; references do (docs/tracker.md)",
             soft_wrap=True,
         )
         return result

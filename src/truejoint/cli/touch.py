@@ -148,7 +148,7 @@ def run(
         made = follow_plan(stops, recorder, seat, output, goes_on=is_real)
     out.print(f"{output}: {len(made)} touches of {task.pose.block.name}")
     following = "rezero" if aim.bolted else "touch bolt" if model else "touch calibrate"
-    say(f"next: truejoint {following} (docs/touch.md)")
+    say(f"next: truejoint {following} (docs/tracker.md)")
 
 
 def follow_plan(

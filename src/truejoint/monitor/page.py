@@ -224,11 +224,14 @@ class Page:
 
     def _add_plot(self, plot: Panel, order: float) -> Any:
         has_band = len(plot.curves) > 2 and not plot.curves[1].label
+        y = np.array([curve.y for curve in plot.curves])
+        # Curves with gaps have a fixed range: from a NaN none would be found.
+        fixed = {} if np.isfinite(y).all() else {"y": {"range": (np.nanmin(y), np.nanmax(y))}}
         return self._server.gui.add_uplot(
             _data(plot), _series(plot), title=plot.y,
             height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
             bands=(_BAND,) if has_band else (),
-            scales={"x": {"time": False}},
+            scales={"x": {"time": False}, **fixed},
             axes=(_axis(24), _axis(44)),
             legend={"show": sum(bool(curve.label) for curve in plot.curves) > 1, "live": False},
             padding=(4, 12, 0, 0),

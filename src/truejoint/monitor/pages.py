@@ -263,14 +263,11 @@ class RecordingPage(_Pictures):
         self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
 
     def _whole(self, shown: Samples, joint: str) -> list[Panel]:
-        """Give an overview of the whole recording, in which what the other plots show stands out.
-
-        Elsewhere that curve has no value.
-        """
+        """Give an overview of the whole recording, with a curve of what the other plots show."""
         known = (*self._samples.calibrated, *self._samples.joints)
         whole = self._overview(known[0] if joint == EVERY else joint)
         line = whole.curves[0]
-        is_shown = (line.x >= shown.t[0]) & (line.x <= shown.t[-1])
+        is_shown = (line.x > shown.t[0]) & (line.x <= shown.t[-1])
         values, colour = np.where(is_shown, line.y, np.nan), COLOURS["corrected"]
         part = replace(line, y=values, label="shown below", colour=colour)
         return [replace(whole, curves=[line, part])]

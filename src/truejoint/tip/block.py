@@ -225,7 +225,7 @@ def check_rotation(rotation: Array) -> None:
 
 
 def read_block(path: str | os.PathLike[str]) -> Block:
-    """Read a block file (docs/touch.md); raises CalibrationError naming the key that is wrong.
+    """Read a block file (docs/formats.md); raises CalibrationError naming the key that is wrong.
 
     Examples
     --------

@@ -192,7 +192,7 @@ class Registration:
 
 
 def read_registration(path: str | os.PathLike[str]) -> Registration:
-    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
+    r"""Registration of a TOML file (docs/formats.md), whose numbers are in mm and deg.
 
     Raises CalibrationError naming the key and the rule that it breaks.
 

@@ -320,7 +320,7 @@ unpack_gated = GATED_LAYOUT.unpacker()
 
 DOUBT: Final = 0.5
 """Share of what both sides differ by, and is believed, that may be a load's doing. It was chosen on
-eighty virtual forceps of a mixed population; docs/forceps.md judges it on others."""
+eighty virtual forceps of a mixed population; docs/results.md judges it on others."""
 
 SIDES: Final[Mapping[str, int]] = {"reset": 1, "both": 2}
 """Number of features of each estimate, the last ones."""
