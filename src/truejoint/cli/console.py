@@ -124,9 +124,11 @@ def print_table(
 
     table = Table(title=title and one_line(title), title_justify="left")
     for name in header:
-        table.add_column(name, justify="right" if numbers and name != header[0] else "left")
+        justify = "right" if numbers and name != header[0] else "left"
+        table.add_column(name, justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*map(one_line, row))
+        table.columns[0].min_width = max(table.columns[0].min_width or 0, min(len(row[0]), 30))
     out.print(table)
 
 
@@ -135,6 +137,8 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     from rich.table import Table
 
     table = Table(show_header=False, title=title, title_justify="left")
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
     for name, text in facts:
         table.add_row(one_line(name), shortened(text, 10_000))
     out.print(table)

@@ -137,9 +137,8 @@ def comparisons(evaluation: Evaluation) -> DataFrame:
     """Tell what the chosen model is beside each other, and over how many stretches, by joint."""
     found = evaluation.comparisons
     cells = found["outcome"] + found["stretches"].map(" ({})".format)
-    columns = found["estimator"].map(estimator_title)
-    table = found.assign(cell=cells, column=columns).pivot(index="joint", columns="column")["cell"]
-    return table.loc[found["joint"].unique(), columns.unique()].reset_index()
+    by = cells.groupby([found["joint"], found["estimator"].map(estimator_title)], sort=False)
+    return by.first().unstack(sort=False).reset_index()
 
 
 def domain_line(evaluation: Evaluation) -> str:
