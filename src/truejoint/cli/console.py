@@ -124,8 +124,8 @@ def print_table(
 
     table = Table(title=title and one_line(title), title_justify="left")
     for name in header:
-        justify = "right" if numbers and name != header[0] else "left"
-        table.add_column(name, justify=justify, overflow="fold")
+        is_number = numbers and name != header[0]
+        table.add_column(name, justify="right" if is_number else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(one_line, row))
         table.columns[0].min_width = max(table.columns[0].min_width or 0, min(len(row[0]), 30))
