@@ -123,12 +123,12 @@ def print_table(
     from rich.table import Table
 
     table = Table(title=title and one_line(title), title_justify="left")
-    for name in header:
-        is_number = numbers and name != header[0]
-        table.add_column(name, justify="right" if is_number else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*map(one_line, row))
-        table.columns[0].min_width = max(table.columns[0].min_width or 0, min(len(row[0]), 30))
+    texts = [[*map(one_line, row)] for row in rows]
+    for n, name in enumerate(header):
+        table.add_column(name, justify="right" if n and numbers else "left", overflow="fold")
+    for row in texts:
+        table.add_row(*row)
+    table.columns[0].no_wrap = all(len(row[0]) <= 30 for row in texts)  # short names stay whole
     out.print(table)
 
 

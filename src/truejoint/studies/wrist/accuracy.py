@@ -141,8 +141,7 @@ def _angles(rows: DataFrame, settings: Settings) -> Table:
     for test, mark in zip(TESTS, ("", " "), strict=True):
         for joint in JOINTS:
             table[f"{test}: {joint}" if joint == JOINTS[0] else joint + mark] = medians[joint, test]
-        table["worst" + mark] = worst[test]
-        table["in 90 %" + mark] = shares[test]
+        table["worst" + mark], table["in 90 %" + mark] = worst[test], shares[test]
     notes = (
         "RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint; share of errors within what a "
