@@ -40,7 +40,8 @@ results: $(VENV)/.installed ## Write the page of results anew, with what studies
 VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 site: $(VENV)/.installed-site ## Build the manual, the gallery and the API into site/VERSION/, offline
 	$(ONE_THREAD) $(BIN)/sphinx-build -W --keep-going -q -b html -d site/.doctrees docs site/$(VERSION)
-	@echo "Open site/$(VERSION)/index.html in a browser."
+	$(BIN)/python docs/versions.py site
+	@echo "Open site/index.html in a browser."
 
 sbom: $(VENV)/.installed-audit ## Write the bill of materials, CycloneDX, to dist/truejoint.cdx.json
 	@mkdir -p dist

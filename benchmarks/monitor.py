@@ -157,7 +157,7 @@ def main() -> None:
         (f"memory, {size[0]:.0f} to {size[-1]:.0f} MB: slope [MB/h]", f"{slope:.1f}", "0"),
         ("late periods of the arm alone [%]", f"{100 * alone.late_share:.2f}", ""),
         ("late periods of the arm watched [%]", f"{100 * watched.late_share:.2f}", ""),
-        ("errors on the console", f"{len(browser.errors)}", "0"),
+        (f"errors on the console {browser.errors[:1]}"[:200], f"{len(browser.errors)}", "0"),
     ]  # fmt: skip
     table(("what", "measured", "bar"), rows)
     print(f"\n{duration / 60:.1f} min, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")

@@ -32,10 +32,14 @@ numpydoc_xref_param_type = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"truejoint {version}"
+html_context = {"default_mode": "auto"}
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_theme_options = {
     "logo": {"text": "truejoint"},
     "show_toc_level": 2,
     "navigation_with_keys": False,
+    "navbar_end": ["versions", "theme-switcher", "navbar-icon-links"],
     "footer_start": ["copyright"],
     "footer_end": [],
 }

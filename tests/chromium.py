@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,6 +24,30 @@ _FLAGS = (
     "--enable-unsafe-swiftshader", "--remote-debugging-port=0", "--remote-allow-origins=*",
 )  # fmt: skip
 _LIMIT = 60.0  # [s] for anything
+# What somebody without eyes, without colours or with a phone would miss; text has 4.5:1 (WCAG AA).
+_FAULTS = r"""(() => {
+  const faults = [], all = (css) => [...document.querySelectorAll(css)];
+  const none = (css, what, bad) =>
+    all(css).filter(bad).forEach((e) => faults.push(`${what}: ${e.outerHTML.slice(0, 90)}`));
+  const curved = (v) => v <= 10 ? v / 3295 : ((v / 255 + 0.055) / 1.055) ** 2.4;
+  const light = (c) => 0.05 + [.2126, .7152, .0722].reduce((s, w, i) => s + w * curved(c[i]), 0);
+  const colour = (e, key) => getComputedStyle(e)[key].match(/[\d.]+/g).map(Number);
+  const paper = (e) => colour(e, "backgroundColor")[3] === 0 && e.parentElement
+    ? paper(e.parentElement) : colour(e, "backgroundColor");
+  const faint = (e, [a, b] = [colour(e, "color"), paper(e)].map(light).sort()) => b / a < 4.5;
+  const level = (e) => Number(e.tagName[1]), heads = all("h1, h2, h3, h4");
+  const words = (e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim());
+  none("html", "language or title", (e) => !e.lang || !document.title);
+  none("body", "one main, one h1", () => all("main").length !== 1 || all("h1").length !== 1);
+  none("body", "sideways", () => document.documentElement.scrollWidth > innerWidth);
+  none("h2, h3, h4", "skipped", (e) => level(e) > level(heads[heads.indexOf(e) - 1]) + 1);
+  none("img:not([alt]), [role=img] a, [role=img] button", "unseen", () => true);
+  none("select, input", "label", (e) => !e.labels.length && !e.ariaLabel);
+  none("a, button, summary", "name", (e) => !(e.textContent.trim() || e.ariaLabel || e.title));
+  none(".scroll", "no focus", (e) => e.scrollWidth > e.clientWidth && e.tabIndex < 0);
+  none("body *:not(svg *, script, style)", "faint",
+    (e) => words(e) && e.checkVisibility() && faint(e));
+  return faults; })()"""
 
 
 class Chromium:
@@ -89,6 +114,16 @@ class Chromium:
             "Emulation.setDeviceMetricsOverride", width=width, height=height,
             deviceScaleFactor=2 if mobile else 1, mobile=mobile,
         )  # fmt: skip
+
+    def faults(self) -> list[str]:
+        """What bars people from the page: on a screen and a phone, light and dark."""
+        found = []
+        for width, scheme in product((1400, 390), ("light", "dark")):
+            self.resize(width, 900, mobile=width < 600)
+            feature = {"name": "prefers-color-scheme", "value": scheme}
+            self.call("Emulation.setEmulatedMedia", features=[feature])
+            found += [f"{width} {scheme} {fault}" for fault in self.evaluate(_FAULTS)]
+        return found
 
     def evaluate(self, script: str) -> Any:
         """Value of a JavaScript expression, a promise awaited."""

@@ -1,7 +1,7 @@
 """Take the manual's pictures of screens: the terminal, the report and the monitor.
 
-Run ``python docs/pictures/screens.py [NAME ...]`` in the checkout; it needs the extras ``plots``
-and ``monitor``, Chromium, and some minutes.
+Run ``python docs/pictures/screens.py [NAME ...]`` in the checkout, after ``make demo``; it needs the
+extras ``plots`` and ``monitor``, Chromium, and some minutes.
 """
 
 from __future__ import annotations
@@ -86,9 +86,12 @@ def watched(recording: truejoint.Recording, model: truejoint.Calibration, target
 
 
 def monitor(target: Path) -> None:
-    """Watch a random motion of the simulated RAVEN-II."""
-    model = truejoint.calibrate(manual.training(), "linear")
-    watched(manual.recorded(random_motion(manual.twin().robot, 60.0, seed=9)), model, target)
+    """Watch a recording of ``make demo`` with its model, re-zeroed."""
+    demo = HERE.parents[1] / "demo"
+    recording = truejoint.read_recording(demo / "random.parquet")
+    model = truejoint.read_calibration(demo / "left_arm.safetensors")
+    zero = truejoint.calibration.find_zero(model, recording[: recording.t[0] + 10.0])
+    watched(recording, model.at(zero), target)
 
 
 def wrist(target: Path) -> None:

@@ -128,10 +128,11 @@ def ecdf(
     ['a', 'b']
     """
     curves = []
-    for name, colour, group in _groups(frame, by, colours):
+    for number, (name, colour, group) in enumerate(_groups(frame, by, colours)):
         size = np.sort(scale * np.abs(group[value].to_numpy(dtype=float)))
         share = np.linspace(0.0, 1.0, min(len(size), _SHARES))
-        curves.append(Curve(np.quantile(size, share), 100.0 * share, name, colour))
+        style = ("-", "--", ":")[number // len(PALETTE) % 3]  # no two names look alike
+        curves.append(Curve(np.quantile(size, share), 100.0 * share, name, colour, style))
     return Panel(curves, **{"y": "share of rows [%]", **panel})
 
 

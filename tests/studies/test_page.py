@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from rich.console import Console
+from tests.chromium import FOUND, Chromium
 
 from truejoint.errors import StudyError
 from truejoint.studies import run_study, write_overview, write_study
@@ -34,6 +35,11 @@ def test_a_study_leaves_page_table_numbers_and_pictures(result, tmp_path):
     assert "truejoint study toy" in text
     assert "default-src 'none'" in text
     assert not re.search(r"(src|href)=\"(?!data:|#)", text), "the page needs nothing else"
+    if FOUND:
+        with Chromium(tmp_path) as browser:
+            browser.open(files[0].as_uri())
+            browser.until("document.querySelector('#provenance') !== null")
+            assert browser.faults() == []
 
 
 def test_results_of_other_settings_are_not_written_over(toy, result, tmp_path):

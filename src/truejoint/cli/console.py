@@ -123,10 +123,12 @@ def print_table(
     from rich.table import Table
 
     table = Table(title=title and one_line(title), title_justify="left")
-    for name in header:
-        table.add_column(name, justify="right" if numbers and name != header[0] else "left")
-    for row in rows:
-        table.add_row(*map(one_line, row))
+    texts = [[*map(one_line, row)] for row in rows]
+    for n, name in enumerate(header):
+        table.add_column(name, justify="right" if n and numbers else "left", overflow="fold")
+    for row in texts:
+        table.add_row(*row)
+    table.columns[0].no_wrap = all(len(row[0]) <= 30 for row in texts)  # short names stay whole
     out.print(table)
 
 
@@ -135,6 +137,8 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     from rich.table import Table
 
     table = Table(show_header=False, title=title, title_justify="left")
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
     for name, text in facts:
         table.add_row(one_line(name), shortened(text, 10_000))
     out.print(table)

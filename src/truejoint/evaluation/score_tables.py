@@ -43,6 +43,7 @@ _LABELS: Final = {
     "sha256": "SHA-256",
     "rows": "rows trained on",
     "sessions": "Recordings trained on",
+    "tried": "Estimators tried",
     "interval_sessions": "Recordings that made the interval",
     "homing_id": "homing",
     "homing_ids": "homings",
@@ -133,16 +134,11 @@ def intervals(evaluation: Evaluation) -> DataFrame:
 
 
 def comparisons(evaluation: Evaluation) -> DataFrame:
-    """Tell what the chosen model is beside every other, by joint, and over how many stretches."""
+    """Tell what the chosen model is beside each other, and over how many stretches, by joint."""
     found = evaluation.comparisons
-    return DataFrame(
-        {
-            "joint": found["joint"],
-            "beside": found["estimator"].map(estimator_title),
-            f"{estimator_phrase(evaluation.chosen)} is": found["outcome"],
-            "stretches": [f"{c.stretches} of up to {duration(c.seconds)}" for c in each(found)],
-        }
-    )
+    cells = found["outcome"] + found["stretches"].map(" ({})".format)
+    by = cells.groupby([found["joint"], found["estimator"].map(estimator_title)], sort=False)
+    return by.first().unstack(sort=False).reset_index()
 
 
 def domain_line(evaluation: Evaluation) -> str:
@@ -266,7 +262,8 @@ def origin(
     """
     facts: list[tuple[str, str]] = []
     tables: list[tuple[str, DataFrame]] = []
-    for key, value in metadata.items():
+    choice = metadata.get("choice") or {}
+    for key, value in {**metadata, "choice": "", **choice}.items():
         if isinstance(value, list | tuple) and value and all(isinstance(v, Mapping) for v in value):
             rows = [{name: _text(name, cell) for name, cell in row.items()} for row in value]
             table = DataFrame(rows).fillna("")
@@ -285,8 +282,8 @@ def _text(key: str, value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_text(name, item)}" for name, item in value.items())
     if isinstance(value, list | tuple):
-        more = f", and {len(value) - 24} more" if len(value) > 24 else ""
-        return ", ".join(_text("", item) for item in value[:24]) + more
+        more = f", and {len(value) - 6} more" if len(value) > 6 else ""
+        return ", ".join(_text("", item) for item in value[:6]) + more
     if isinstance(value, bool | None):
         return {None: "", True: "yes", False: "no"}[value]
     if isinstance(value, int | float):

@@ -430,9 +430,9 @@ def rezero_remark(verdict: Verdict, as_they_come: Array, duration: float) -> Ver
     for joint, plain in zip(verdict.joints, as_they_come.tolist(), strict=True):
         unit = display_unit(joint.unit)
         before, after = shown([plain * unit.scale, joint.rmse * unit.scale])
-        harms = joint.rmse > plain
         text = f"{joint.joint} {after} {unit.name} instead of {before}"
-        (worse if harms else better).append(text)
+        if after != before:
+            (worse if joint.rmse > plain else better).append(text)
     start = f"from the first {duration:g} s of each recording"
     remarks = []
     if better:

@@ -234,7 +234,7 @@ class Page:
             scales={"x": {"time": False}, **fixed},
             axes=(_axis(24), _axis(44)),
             legend={"show": sum(bool(curve.label) for curve in plot.curves) > 1, "live": False},
-            padding=(4, 12, 0, 0),
+            padding=(4, 20, 0, 0),
             order=order,
         )  # fmt: skip
 

@@ -26,8 +26,7 @@ TITLES: Final = {
 # Legible on white and on black, and distinct under every common colour blindness.
 COLOURS: Final = {
     "setpoint": "#8b949e", "reported": "#e07b00", "corrected": "#2f81d8", "truth": "#12a074",
-    "band": "rgba(47,129,216,0.22)", "stale": "#9aa0a6",
-    "fault": "#d1242f",
+    "band": "rgba(47,129,216,0.22)", "stale": "#9aa0a6", "fault": "#d1242f",
 }  # fmt: skip
 
 EVERY: Final = "all calibrated"
@@ -173,8 +172,7 @@ def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
         rows.append(
             {"joint": joint, "unit": unit.name, "cells": cells, "effort": has_effort and effort}
         )
-    titles = TITLES | {"error": "error"}
-    header = [(titles[name], COLOURS.get(name, "inherit")) for name in columns]
+    header = [(TITLES.get(name, name), COLOURS.get(name, "inherit")) for name in columns]
     return filled("table", header, rows, is_fresh)
 
 

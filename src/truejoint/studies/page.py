@@ -137,7 +137,6 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
         unusual=unusual,
         better=better,
         verdicts=VERDICTS,
-        total=sum(counts.values(), Counter()),
         created=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         command=command,
     )

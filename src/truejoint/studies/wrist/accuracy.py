@@ -134,13 +134,14 @@ def summarise(results: Results) -> Summary:
 def _angles(rows: DataFrame, settings: Settings) -> Table:
     by = rows.groupby(["name", "test"], sort=False)[list(JOINTS)]
     degrees = math.degrees(1.0)
-    medians = by.median().mul(degrees).map("{:.3f}".format).agg(" ".join, axis=1).unstack()
+    medians = by.median().mul(degrees).map("{:.3f}".format).unstack()
     worst = by.max().max(axis=1).mul(degrees).map("{:.2f}".format).unstack()
     shares = _shares(rows, ["name", "test"])
     table = rows.groupby("name", sort=False).specimen.nunique().map(str).to_frame("n")
     for test, mark in zip(TESTS, ("", " "), strict=True):
-        table[f"{test}: pitch jaw1 jaw2"], table["worst" + mark] = medians[test], worst[test]
-        table["in 90 %" + mark] = shares[test]
+        for joint in JOINTS:
+            table[f"{test}: {joint}" if joint == JOINTS[0] else joint + mark] = medians[joint, test]
+        table["worst" + mark], table["in 90 %" + mark] = worst[test], shares[test]
     notes = (
         "RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint; share of errors within what a "

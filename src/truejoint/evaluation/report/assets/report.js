@@ -37,7 +37,8 @@
     const beside = new Set(domains).size;
     if (beside > 1 && width / beside < NARROWEST) {
       const left = layout.yaxis.title;
-      const [row, gap] = [1 / numbers.length, 62 / (ROW * numbers.length)];
+      const gap = 62 / (ROW * numbers.length);
+      const row = (1 + gap) / numbers.length; // none below the last
       numbers.forEach((number, index) => {
         const y = layout[`yaxis${number}`];
         const title = y.title && y.title.text ? y.title : left;
