@@ -1,7 +1,7 @@
 """Take the manual's pictures of screens: the terminal, the report and the monitor.
 
-Run ``python docs/pictures/screens.py [NAME ...]`` in the checkout, after ``make demo``; it needs the
-extras ``plots`` and ``monitor``, Chromium, and some minutes.
+After ``make demo``, run ``python docs/pictures/screens.py [NAME ...]`` in the checkout. It needs
+the extras ``plots`` and ``monitor``, Chromium, and some minutes.
 """
 
 from __future__ import annotations
