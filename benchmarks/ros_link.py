@@ -236,10 +236,7 @@ def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
         )  # fmt: skip
         joints = ros.publisher(RAW, JOINT_STATE)
         states = ros.publisher("/arm1/operating_state", OPERATING_STATE)
-        with (
-            node("correct", str(path), "--profile", "raven2_mended"),
-            program(package, *in_c),
-        ):
+        with node("correct", str(path), "--profile", "raven2_mended"), program(package, *in_c):
             until(lambda out=joints: out.readers >= 3)
             say_homed(ros, states)
             _send_late(ros, joints, rows, efforts, rate, minutes)

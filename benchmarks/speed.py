@@ -284,10 +284,7 @@ def steps(model: Calibration, unseen: Recording, calls: int) -> dict[str, float]
 
 
 def cells(
-    name: str,
-    recorded: dict[int, tuple[list[Recording], Recording]],
-    joints: list[int],
-    calls: int,
+    name: str, recorded: dict[int, tuple[list[Recording], Recording]], joints: list[int], calls: int
 ) -> Iterator[tuple[dict[str, float], str]]:
     """Give costs for each number of joints, or none and the reason."""
     estimator = unfitted(name)

@@ -13,12 +13,7 @@ PACKAGES = (
 project = "truejoint"
 copyright = "the truejoint developers"  # noqa: A001  # Sphinx's name
 version = release = importlib.metadata.version("truejoint")
-extensions = [
-    "myst_parser",
-    "numpydoc",
-    "sphinx.ext.autosummary",
-    "sphinx_gallery.gen_gallery",
-]
+extensions = ["myst_parser", "numpydoc", "sphinx.ext.autosummary", "sphinx_gallery.gen_gallery"]
 exclude_patterns = ["gallery/*.ipynb", "results/page.md", "static", "templates"]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 root_doc = "index"

@@ -7,17 +7,7 @@ import pandas as pd
 from matplotlib import figure as mpl_figure
 from matplotlib.image import imread
 
-from truejoint.drawing import (
-    Box,
-    Curve,
-    Figure,
-    Panel,
-    _draw,
-    box_plot,
-    by_condition,
-    ecdf,
-    png,
-)
+from truejoint.drawing import Box, Curve, Figure, Panel, _draw, box_plot, by_condition, ecdf, png
 
 
 def test_a_picture_has_its_size_and_shows_its_curves():

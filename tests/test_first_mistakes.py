@@ -77,10 +77,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             lambda model: truejoint.calibration.find_zero("m.st", motion(1)),
             "read_calibration(path)",
         ),
-        (
-            lambda model: truejoint.calibration.find_zero(model, "run.csv"),
-            "read_recording",
-        ),
+        (lambda model: truejoint.calibration.find_zero(model, "run.csv"), "read_recording"),
         (
             lambda model: truejoint.calibration.calibrate_like(motion(1), ["m.st"]),
             "not a Calibration",

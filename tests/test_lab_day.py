@@ -78,10 +78,7 @@ def ros(master) -> Iterator[Transport]:
 def program(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
     """A program meanwhile, ended as gently as Ctrl-C does; what it says is in its `stderr`."""
     process = subprocess.Popen(  # noqa: S603 - lines of our own
-        [str(word) for word in command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        [str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
         yield process

@@ -97,9 +97,7 @@ def test_the_example_serves_the_command_line(example: Path) -> None:
     assert [told in said for said in others] == [True, False, False]
 
 
-def test_what_cannot_be_loaded_or_is_there_twice_is_named_and_the_rest_works(
-    example: Path,
-) -> None:
+def test_what_cannot_be_loaded_or_is_there_twice_is_named_and_the_rest_works(example: Path) -> None:
     (example / "broken_one.py").write_text("import nothing_of_that_name\n")
     robots = {"broken": "broken_one:ROBOT", "number": "math:pi"}
     install(example, "broken-one", {"truejoint.robots": robots})

@@ -25,12 +25,7 @@ from truejoint.calibration.choose import (
     stacking_weights,
 )
 from truejoint.errors import CalibrationError
-from truejoint.estimators import (
-    NeuralNetwork,
-    Polynomial,
-    candidates,
-    get_estimator,
-)
+from truejoint.estimators import NeuralNetwork, Polynomial, candidates, get_estimator
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.estimators.registry import PRESETS
 from truejoint.features.feature_set import FeatureSet

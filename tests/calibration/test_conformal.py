@@ -10,17 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import (
-    Calibration,
-    calibrate,
-    needed_trajectories,
-    with_interval,
-)
-from truejoint.calibration.conformal import (
-    conformal_threshold,
-    exchangeable_units,
-    scores_of,
-)
+from truejoint.calibration import Calibration, calibrate, needed_trajectories, with_interval
+from truejoint.calibration.conformal import conformal_threshold, exchangeable_units, scores_of
 from truejoint.calibration.interval import inverse_span, range_excesses
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording

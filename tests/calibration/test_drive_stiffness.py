@@ -20,11 +20,7 @@ from truejoint.studies.forceps.load import effective_stiffness, rocking_test
 from truejoint.studies.forceps.motions import record_forceps
 
 # Off Table 1: a thicker jaw pulley, a smaller wheel, another gear.
-OFF = {
-    "mechanism.jaw_radius": 4.6e-3,
-    "mechanism.wheel_radius": 9e-3,
-    "mechanism.gear_ratio": 40.0,
-}
+OFF = {"mechanism.jaw_radius": 4.6e-3, "mechanism.wheel_radius": 9e-3, "mechanism.gear_ratio": 40.0}
 ON_ONE = pytest.mark.parametrize("plant", ["nominal"], indirect=True)
 PLANTS = {"nominal": specimen("nominal"), "off": specimen("nominal").with_values(OFF)}
 

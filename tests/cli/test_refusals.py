@@ -112,10 +112,7 @@ AT_ONCE = {
         ("random.csv -o new --namespace /x", "--namespace needs --ros"),
         ("random.csv -o new --yes-move-it", "--yes-move-it needs --ros"),
         ("random.csv -o new --ros 1 --twin peng2024", "--ros and --twin: give one of the two"),
-        (
-            "random.csv -o new --ros 1",
-            "raven2:left, at up to 50 mm/s and 143.2 deg/s: agree",
-        ),
+        ("random.csv -o new --ros 1", "raven2:left, at up to 50 mm/s and 143.2 deg/s: agree"),
         ("random.csv -o random.csv/new", "is a file; name a folder"),
         ("random.csv -o new --seed -1", "greater than or equal to 0"),
         ("random.csv -o new --twin pipe", "pipe: is not a file"),
@@ -188,10 +185,7 @@ LATER = {
         ("--fit-rate-hz 1e-308", "fit"),
         ("--redundant effort/elbow", "'effort/elbow' cannot check a measured position"),
     ],
-    "show": [
-        ("pipe", "pipe: is not a file"),
-        ("random.csv --columns pipe", "pipe: is not a file"),
-    ],
+    "show": [("pipe", "pipe: is not a file"), ("random.csv --columns pipe", "pipe: is not a file")],
     "collect jaw.csv -o . --robot forceps": [
         ("--state-rate-hz nan", "rate nan Hz"),
         ("--encoders x", "no encoders are stated for this robot"),

@@ -26,12 +26,7 @@ from truejoint.estimators.registry import BASELINES, NETWORK, OWN, PRESETS, TITL
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.
-NAMING = (
-    "estimators/registry.py",
-    "cli/",
-    "recordings/datasets/",
-    "studies/",
-)
+NAMING = ("estimators/registry.py", "cli/", "recordings/datasets/", "studies/")
 WORDS = {"offset", "linear", "hybrid", "gp"}
 """Names that are words of their own, also of arrays, families and of text."""
 

@@ -12,11 +12,7 @@ from tests.runtime.streams import recording as stream_recording
 from tests.runtime.streams import trained
 
 from truejoint.errors import ExportError, TruejointError
-from truejoint.estimators import (
-    NeuralNetwork,
-    Polynomial,
-    Stack,
-)
+from truejoint.estimators import NeuralNetwork, Polynomial, Stack
 from truejoint.export.export_onnx import export_onnx
 
 from .export_models import HISTORY, PLAIN, calibration, recording

@@ -8,13 +8,7 @@ import pytest
 
 from truejoint.errors import TrajectoryError
 from truejoint.motion import designed_motion, workspace_of
-from truejoint.motion.designed import (
-    NOISE,
-    curved_terms,
-    expected_error,
-    scaled_speed,
-    terms,
-)
+from truejoint.motion.designed import NOISE, curved_terms, expected_error, scaled_speed, terms
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2", "left")

@@ -25,9 +25,7 @@ def test_html_is_self_contained_and_faithful(tmp_path):
 def test_long_motions_are_thinned_but_end_where_they_end(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(
-        plotting,
-        "_draw",
-        lambda name, points, labels, path: drawn.append(points) or path.touch(),
+        plotting, "_draw", lambda name, points, labels, path: drawn.append(points) or path.touch()
     )
     motion = random_motion(ROBOT, 2500.0)
     plot_trajectory(motion, tmp_path / "long.html")

@@ -151,11 +151,7 @@ def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool):
         ("a = 0.02 }", "a = 0.02 }, {}", "axes prismatic, revolute, revolute do not fit"),
         ("workspace.lift", "workspace.lid", "no joint called 'lid'; known: lift, jaw"),
         ("upper = 200", "upper = 20", "workspace.lift: lower must be below upper"),
-        (
-            "resolution = 0.005",
-            "resolution = 0",
-            r"encoders\[0\].resolution is 0; want a number",
-        ),
+        ("resolution = 0.005", "resolution = 0", r"encoders\[0\].resolution is 0; want a number"),
         ("direction = -1", "direction = 2", "direction is 2; want 1 or -1"),
         ('end = "lower"', 'end = "middle"', "end is 'middle'; want lower or upper"),
         ('joint = "lift"', 'joint = "left"', "did you mean 'lift'"),

@@ -15,13 +15,7 @@ from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.motion import Trajectory, follow
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots import get_robot
-from truejoint.runtime import (
-    Compensator,
-    Corrector,
-    Status,
-    compensation,
-    loop_margin,
-)
+from truejoint.runtime import Compensator, Corrector, Status, compensation, loop_margin
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ForcepsTwin
 

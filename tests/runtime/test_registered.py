@@ -74,10 +74,7 @@ def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
     joints = calibration.joints
     # A difference of corrected and measured is rounded once more than the corrected itself.
     np.testing.assert_allclose(
-        corrections[used],
-        expected - rest.columns("measured", joints),
-        rtol=0,
-        atol=1e-12,
+        corrections[used], expected - rest.columns("measured", joints), rtol=0, atol=1e-12
     )
     good = statuses[used] == Status.OK
     assert good.mean() > 0.5

@@ -12,16 +12,7 @@ from pandas import Series
 
 import truejoint.studies
 from truejoint.errors import StudyError, TruejointError
-from truejoint.studies import (
-    STUDIES,
-    Option,
-    Part,
-    PartResult,
-    Results,
-    Settings,
-    Study,
-    get_study,
-)
+from truejoint.studies import STUDIES, Option, Part, PartResult, Results, Settings, Study, get_study
 from truejoint.studies.rows import mean_text
 from truejoint.studies.study import CLAIMS, TESTS, shown
 

@@ -28,13 +28,7 @@ from truejoint.calibration.choose import (
 from truejoint.calibration.conditions import conditions_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import fit_effort_baseline, residual_baseline
-from truejoint.calibration.fit_task import (
-    FitTask,
-    fitted_rows,
-    recording_zeros,
-    stride_of,
-    within,
-)
+from truejoint.calibration.fit_task import FitTask, fitted_rows, recording_zeros, stride_of, within
 from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
 from truejoint.calibration.redundancy import fit_parity_equations

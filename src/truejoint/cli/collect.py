@@ -166,10 +166,7 @@ def collect(
 
 
 def _recorded(
-    device: truejoint.crtk.Arm,
-    trajectory: truejoint.motion.Trajectory,
-    target: Path,
-    **how: Any,
+    device: truejoint.crtk.Arm, trajectory: truejoint.motion.Trajectory, target: Path, **how: Any
 ) -> dict[str, Any]:
     """Record one trajectory, `how` as `record` takes it, and say so."""
     recording, report = record(device, trajectory, target, **how)

@@ -99,10 +99,7 @@ class BriefTruth(ArmOnTopics):
     duration_s: float = 10.0
 
     def read(
-        self,
-        name: str | None,
-        files: Files,
-        model: truejoint.Calibration,
+        self, name: str | None, files: Files, model: truejoint.Calibration
     ) -> truejoint.Recording:
         """Read a recording or, with `--ros`, record the model's arm while others move it."""
         if self.ros is None:

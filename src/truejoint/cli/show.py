@@ -162,9 +162,7 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return facts, columns
 
 
-def recording_facts(
-    recording: truejoint.Recording,
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def recording_facts(recording: truejoint.Recording) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell what a recording is, where it comes from, and the range of each column."""
     provenance = recording.provenance.to_dict()
     del provenance["robot"], provenance["arm"], provenance["source"]

@@ -43,10 +43,7 @@ def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     shape = truejoint.tip.design_block(options.get_robot(robot))
     made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
-    contents = {
-        "block.stl": shape.stl(),
-        "block.toml": (shape.map() + block_text(made)).encode(),
-    }
+    contents = {"block.stl": shape.stl(), "block.toml": (shape.map() + block_text(made)).encode()}
     files = {output / name: partial(Path.write_bytes, data=data) for name, data in contents.items()}
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size

@@ -19,15 +19,7 @@ from truejoint.array_types import Array, floats
 from truejoint.calibration import Calibration
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, other_kind
-from truejoint.evaluation.results import (
-    AXES,
-    OFFSET,
-    RAW,
-    TOOL,
-    Domain,
-    JointVerdict,
-    by_recording,
-)
+from truejoint.evaluation.results import AXES, OFFSET, RAW, TOOL, Domain, JointVerdict, by_recording
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction, velocity
 from truejoint.robots import Kinematics, Robot

@@ -224,13 +224,7 @@ class UnscentedFilter:
             values["gate"] = np.append(0.0, limits)
         return at.LAYOUT.pack({**functions, "step": kernels.step}, **values)
 
-    def step(
-        self,
-        state: FilterState,
-        z: npt.ArrayLike,
-        u: npt.ArrayLike | None,
-        dt: float,
-    ) -> int:
+    def step(self, state: FilterState, z: npt.ArrayLike, u: npt.ArrayLike | None, dt: float) -> int:
         """Advance a state by one sample, in place and allocating nothing; bits of `FilterStatus`.
 
         `state` is from this filter's `initial_state`, and `z` (m,) the measurement, NaN where

@@ -168,11 +168,7 @@ def random_motion(
 
 
 def nested_motion(
-    robot: Robot,
-    duration: float = 65.0,
-    *,
-    rate: float = 20.0,
-    workspace: Workspace | None = None,
+    robot: Robot, duration: float = 65.0, *, rate: float = 20.0, workspace: Workspace | None = None
 ) -> Trajectory:
     """Loops of three sizes, one inside the other, of a robot with one joint.
 

@@ -29,15 +29,7 @@ from truejoint.recordings import Recording
 from truejoint.tip import accuracy
 from truejoint.tip.accuracy import TipError, Trial
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import (
-    SCALE,
-    TipFit,
-    TipPrior,
-    TipRows,
-    TipState,
-    align,
-    fit_rows,
-)
+from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
 from truejoint.tip.terms import (
     LEFT,
     SPREAD,

@@ -84,8 +84,7 @@ def test_a_pole_gives_a_finite_number():
 
 
 @pytest.mark.parametrize(
-    ("motor", "message"),
-    [(np.linspace(0, 1, 50), "50 rows"), (np.ones(500), "never move")],
+    ("motor", "message"), [(np.linspace(0, 1, 50), "50 rows"), (np.ones(500), "never move")]
 )
 def test_what_cannot_be_fitted_is_refused(motor, message):
     refused(message, fit_rational, motor, np.linspace(0, 1e-3, len(motor)), np.zeros(len(motor)))

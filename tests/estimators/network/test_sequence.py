@@ -78,10 +78,7 @@ def test_without_torch_it_says_how_to_get_it(monkeypatch):
 
 @pytest.mark.parametrize(
     "model",
-    [
-        GRU(units=8, epochs=30),
-        TCN(units=8, epochs=30, layers=6),
-    ],
+    [GRU(units=8, epochs=30), TCN(units=8, epochs=30, layers=6)],
     ids=lambda model: model.name,
 )
 def test_it_learns_hysteresis(model):

@@ -175,10 +175,7 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
         ({"turns": ((1.0, 0.0),)}, "turns are given; they take turn=True as well"),
         ({"positions": (0, 1)}, "positions are given; they take couple=True as well"),
-        (
-            {"couple": True, "positions": 2},
-            "positions is 2; it must be places of features",
-        ),
+        ({"couple": True, "positions": 2}, "positions is 2; it must be places of features"),
         ({"couple": True, "positions": (0, 2)}, "positions .*; it must be of features 0 to 1"),
     ],
 )

@@ -150,11 +150,7 @@ def test_two_that_fetch_at_once_make_the_same_folders(upstream, cache, monkeypat
 
 @pytest.mark.parametrize(
     "content",
-    [
-        kflex_text(11.0)[: len(kflex_text(10.0))],
-        kflex_text(10.0)[:-5],
-        kflex_text(10.0) * 2,
-    ],
+    [kflex_text(11.0)[: len(kflex_text(10.0))], kflex_text(10.0)[:-5], kflex_text(10.0) * 2],
 )
 def test_another_file_is_never_put_in_place(upstream, cache, content):
     served(upstream, "b").write_bytes(content)

@@ -152,27 +152,15 @@ def by(columns: dict[str, Any]) -> dict[str, Any]:
         ("t,measured/joint1\n0,1\n1,2\n", {**BROS, "rate": 9.0}, "has time stamps"),
         ("measured/joint1\n0\n1\n", {**BROS, "rate": np.nan}, "a rate of nan Hz"),
         ("t,measured/joint1\n0,1\n1,inf\n", BROS, "row 1 is inf"),
-        (
-            "t,t,measured/joint1\n0,0,1\n1,1,2\n",
-            BROS,
-            "column 't' is there twice",
-        ),
+        ("t,t,measured/joint1\n0,0,1\n1,1,2\n", BROS, "column 't' is there twice"),
         (TABLE, by({"t": "stamp"}), "no 'measured/"),
-        (
-            TABLE,
-            by({"t": "time", "measured/joint1": 1}),
-            "'time' is not there.* header has",
-        ),
+        (TABLE, by({"t": "time", "measured/joint1": 1}), "'time' is not there.* header has"),
         (
             TABLE,
             by({"t": 0, "measured/joint1": 6}),
             "column 6 is not there, .* there are 6 columns",
         ),
-        (
-            "0,1\n1,2\n",
-            by({"t": "a", "measured/joint1": 1}),
-            "there is no header: correct",
-        ),
+        ("0,1\n1,2\n", by({"t": "a", "measured/joint1": 1}), "there is no header: correct"),
         (
             TABLE,
             by({"t": 0, "measured/joint1": {"column": 1, "unit": "mm"}}),

@@ -14,13 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError, RobotError
 from truejoint.files import content_hash
-from truejoint.recordings import (
-    Provenance,
-    Recording,
-    read_parquet,
-    read_recording,
-    write_parquet,
-)
+from truejoint.recordings import Provenance, Recording, read_parquet, read_recording, write_parquet
 from truejoint.recordings.table.parquet import KEY, VERSION
 from truejoint.robots import get_robot
 

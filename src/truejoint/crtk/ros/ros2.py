@@ -110,12 +110,7 @@ class Ros2:
         return Publisher(topic, writer.write, end, lambda: len(writer.get_matched_subscriptions()))
 
     def subscribe(
-        self,
-        topic: str,
-        kind: str,
-        callback: Callable[[Any], None],
-        *,
-        newest: bool = False,
+        self, topic: str, kind: str, callback: Callable[[Any], None], *, newest: bool = False
     ) -> Callable[[], None]:
         """Call `callback` with every message, or the `newest` one alone; gives what ends that.
 

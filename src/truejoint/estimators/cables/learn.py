@@ -40,8 +40,7 @@ _OTHER_MOTION: Final = 1.6
 was fitted to: of six virtual instruments that no figure in the documentation is of."""
 _ROUNDS: Final = 25  # of the search, at most
 WRIST_PLAYS: Final = Plays(
-    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
-    time_constants=(0.02, 0.1),
+    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25), time_constants=(0.02, 0.1)
 )
 """Plays of a wrist's signals.
 

@@ -240,11 +240,7 @@ def _gru_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> M
         gates = padded(arrays[name].reshape(-1, 3, units))
         table[name] = gates.reshape(*arrays[name].shape[:-1], 3 * width)
     table["state_bias"] = np.append(np.zeros(2 * width), table["state_bias"])
-    return GRU_LAYOUT.pack(
-        width=width,
-        period=params["period"],
-        **table,
-    )
+    return GRU_LAYOUT.pack(width=width, period=params["period"], **table)
 
 
 GRU: Final = Family(

@@ -49,11 +49,7 @@ _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pan
 
 
 def write_report(
-    evaluation: Evaluation,
-    path: str | Path,
-    *,
-    command: str = "",
-    overwrite: bool = False,
+    evaluation: Evaluation, path: str | Path, *, command: str = "", overwrite: bool = False
 ) -> Path:
     """Write the report of an evaluation as one HTML file that needs nothing else.
 

@@ -11,12 +11,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import (
-    ARMS,
-    JOINT_STATE,
-    OPERATING_STATES,
-    USUAL_QUANTITIES,
-)
+from truejoint.crtk.messages import ARMS, JOINT_STATE, OPERATING_STATES, USUAL_QUANTITIES
 from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import Transport
 from truejoint.errors import RecordingError

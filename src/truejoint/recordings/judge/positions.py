@@ -24,14 +24,7 @@ from truejoint.recordings.join.explained import (
 )
 from truejoint.recordings.join.lag import LATE, Lag, lags_alone_and_together
 from truejoint.recordings.judge.columns import pushes
-from truejoint.recordings.judge.finding import (
-    Defect,
-    Finding,
-    Level,
-    Rows,
-    count,
-    one_line_each,
-)
+from truejoint.recordings.judge.finding import Defect, Finding, Level, Rows, count, one_line_each
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction
 from truejoint.robots import Joint

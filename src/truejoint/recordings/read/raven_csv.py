@@ -78,10 +78,7 @@ _FROZEN_TRAVEL: Final = (math.radians(5.0), math.radians(5.0), 0.005)
 
 
 def read(
-    path: Path,
-    arm: str = "left",
-    truth_zero: str = "",
-    head: Head | None = None,
+    path: Path, arm: str = "left", truth_zero: str = "", head: Head | None = None
 ) -> list[Recording]:
     """Read a file of the robot's state, with the external encoders or without; text or gzip.
 

@@ -18,13 +18,7 @@ from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.forceps.methods import rms, settled, within
-from truejoint.studies.forceps.motions import (
-    Plain,
-    drawn_specimens,
-    load_test,
-    record,
-    signals,
-)
+from truejoint.studies.forceps.motions import Plain, drawn_specimens, load_test, record, signals
 from truejoint.studies.forceps.paper import cases
 from truejoint.studies.rows import frame_table, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary

@@ -40,12 +40,7 @@ from truejoint.recordings.bounded_file import Allowance
 from truejoint.recordings.datasets.store import data_folders
 from truejoint.recordings.read.bags import assembling, container
 from truejoint.recordings.read.bags.assembling import find_wiring
-from truejoint.recordings.read.bags.container import (
-    CUT_SHORT,
-    DAMAGED,
-    MCAP_MAGIC,
-    read_batches,
-)
+from truejoint.recordings.read.bags.container import CUT_SHORT, DAMAGED, MCAP_MAGIC, read_batches
 from truejoint.recordings.read.bags.fields import Lot, full_name, typesys
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.robots import get_robot
