@@ -15,7 +15,7 @@ from truejoint.schema import Bounds
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
-_SPEED_TIME: Final = 0.1  # [s], over which speed is taken: an encoder's counts make it noise else
+SPEED_TIME: Final = 0.1  # [s], over which speed is taken: an encoder's counts make it noise else
 _LEAST_ROWS: Final = 10  # with truth, for a slope
 _Number = Annotated[float, Bounds(-1e15, 1e15)]
 
@@ -37,20 +37,21 @@ class Condition:
 
 def conditions_of(recording: Recording, joints: Sequence[str]) -> tuple[Condition, ...]:
     """Conditions of a recording, for each of `joints`."""
-    every = max(1, round(_SPEED_TIME / float(np.median(np.diff(recording.t)))))
-    efforts, truths = recording.joints_of("effort"), recording.joints_of("truth")
+    every = max(1, round(SPEED_TIME / float(np.median(np.diff(recording.t)))))
     conditions = []
     for joint in joints:
         q = recording.column(f"measured/{joint}")
-        speeds = np.diff(q[::every]) / np.diff(recording.t[::every])
-        effort = recording.column(f"effort/{joint}") if joint in efforts else np.empty(0)
-        truth = recording.column(f"truth/{joint}") if joint in truths else np.full(len(q), np.nan)
-        known, slope = np.isfinite(truth), math.nan
-        if known.sum() >= _LEAST_ROWS and np.ptp(q[known]) > 0.0:
-            slope = float(np.polyfit(q[known] - q[known].mean(), truth[known], 1)[0])
-        low, high = float(q.min()), float(q.max())
-        middle = 0.5 * (low + high)
-        conditions.append(Condition(joint, _rms(speeds), high - low, middle, _rms(effort), slope))
+        effort, truth = (
+            recording.column(f"{name}/{joint}") if joint in recording.joints_of(name) else q[:0]
+            for name in ("effort", "truth")
+        )
+        slope, low, high = math.nan, float(q.min()), float(q.max())
+        x, y = (values[np.flatnonzero(np.isfinite(truth))] for values in (q, truth))
+        if len(x) >= _LEAST_ROWS and np.ptp(x) > 0.0:
+            slope = float(np.polyfit(x - x.mean(), y, 1)[0])
+        speed = _rms(np.diff(q[::every]) / np.diff(recording.t[::every]))
+        shape = high - low, 0.5 * (low + high)
+        conditions.append(Condition(joint, speed, *shape, _rms(effort), slope))
     return tuple(conditions)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.compatibility import source_of
+from truejoint.calibration.conditions import SPEED_TIME, conditions_of
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.polynomial.learn import levels
@@ -22,7 +23,6 @@ FEW: Final = 3  # recordings; fewer are not left out whole
 SORTED_FROM: Final = 10  # recordings; so many tell fast from slow and light from heavy ones
 
 GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
-_STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
 _AT_REST: Final = 0.05  # of the RMS speed of a joint, below which it counts as standing still
 _LEAST_ROWS: Final = 10  # of a part
 _LEAST_LEFT: Final = 0.2  # of the time in all, that a fit sees beside a recording left out whole
@@ -95,7 +95,8 @@ def blocks(recordings: Sequence[Recording], count: int, *, in_motion: bool = Fal
                 f"{count}th at a time; record for longer, or leave it out where there are others"
             )
         if in_motion:
-            rows = np.union1d(np.arange(0, len(recording), _every(recording)), len(recording) - 1)
+            every = max(1, round(SPEED_TIME / sample_dt([recording])))
+            rows = np.union1d(np.arange(0, len(recording), every), len(recording) - 1)
             q = recording.columns("measured", recording.joints_of("measured"))[rows]
             dt = np.diff(recording.t[rows])
             speeds = np.abs(np.diff(q, axis=0)) / dt[:, None]
@@ -113,11 +114,6 @@ def _marks(course: Array, count: int) -> list[int]:
     """First row of each of `count` equal parts of what never falls (n,), and the number of rows."""
     edges = course[0] + (course[-1] - course[0]) * np.arange(1, count) / count
     return [0, *np.searchsorted(course, edges).tolist(), len(course)]
-
-
-def _every(recording: Recording) -> int:
-    """Rows in the time over which speed is taken."""
-    return max(1, round(_STEP / sample_dt([recording])))
 
 
 def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list[Fold]:
@@ -233,18 +229,13 @@ def without_levels(
 
 
 def _sizes(recordings: Sequence[Recording], quantity: str) -> Array:
-    """How fast recordings (n,) are, or how large their efforts: mean logarithm of joints' RMS.
+    """How fast recordings (n,) are, or how large their efforts: mean logarithm of joints' squares.
 
     Of the joints whose `quantity`, ``measured`` or ``effort``, all recordings have.
     """
-    joints = sorted(set.intersection(*(set(r.joints_of(quantity)) for r in recordings)))
-    squares = np.zeros((len(recordings), len(joints)))
-    for square, recording in zip(squares, recordings, strict=True):
-        values, every = recording.columns(quantity, joints), _every(recording)
-        if quantity == "measured":
-            dt = np.diff(recording.t[::every])
-            values = np.diff(values[::every], axis=0) / dt[:, None]
-        if len(values):
-            square[:] = np.mean(np.square(values), axis=0)
-    usable = squares[:, (squares > 0.0).all(axis=0)]
-    return np.log(usable).mean(axis=1) if usable.size else np.zeros(len(recordings))
+    kind = "speed" if quantity == "measured" else "effort"
+    both = (set(r.joints_of(quantity)).intersection(r.joints_of("measured")) for r in recordings)
+    joints = sorted(set.intersection(*both))
+    sizes = np.array([[getattr(c, kind) for c in conditions_of(r, joints)] for r in recordings])
+    usable = sizes[:, (sizes > 0.0).all(axis=0)]
+    return 2.0 * np.log(usable).mean(axis=1) if usable.size else np.zeros(len(recordings))

@@ -67,12 +67,8 @@ def cycle_rows(directions: Sequence[Array]) -> float:
     """Rows of one motion to and fro, of the joint that turns most often, in the slowest recording.
 
     A shorter stretch sees a part of a hysteresis loop, which says nothing of the whole. A recording
-    in which nothing turns is one stretch.
-
-    Parameters
-    ----------
-    directions : sequence of ndarray, shape (n, n_joints)
-        Direction of motion in each recording: 1, -1, or 0 while a joint stands.
+    in which nothing turns is one stretch. `directions` (n, n_joints) of motion in each recording
+    are 1, -1, or 0 while a joint stands.
 
     Examples
     --------

@@ -297,11 +297,6 @@ def all_scores(evaluation: Evaluation) -> Iterator[tuple[str, DataFrame]]:
 
     Digits are sensible ones, and the same for all cells of one unit; a column without a number is
     left out.
-
-    Examples
-    --------
-    >>> [name for name, _ in all_scores(evaluation)]
-    ['jaw']
     """
     for name, unit, scores in evaluation.shown_scores():
         fix = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))

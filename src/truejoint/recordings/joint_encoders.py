@@ -48,17 +48,8 @@ class JointEncoders:
     error. Raises TruejointError without pyserial, RecordingError without encoders and, on entering,
     if the port cannot be opened.
 
-    References
-    ----------
-    uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py
-
-    Examples
-    --------
-    >>> line = JointEncoders("/dev/ttyACM0", arm.robot.encoders, clock=lambda: arm.time)
-    >>> with line as encoders:  # doctest: +SKIP
-    ...     encoders.start_registration()
-    ...     arm.home()
-    ...     encoders.register()
+    Source: uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
+    func_raven_joint_encodersIII.py.
     """
 
     def __init__(

@@ -238,11 +238,6 @@ class JointEncoder:
 
     The position that is assigned to the stop may be another than the robot's own homing assigns,
     which makes a constant offset between the two.
-
-    Examples
-    --------
-    >>> truejoint.get_robot("raven2").encoders[0].end
-    'lower'
     """
 
     joint: str

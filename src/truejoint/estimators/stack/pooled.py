@@ -21,20 +21,11 @@ _ALIKE: Final = 0.5  # [s] for which errors of a model resemble each other
 
 @dataclass(frozen=True, eq=False)
 class Expert:
-    """A fitted estimator of another instrument.
-
-    Attributes
-    ----------
-    data : EstimatorData
-    columns : tuple of int
-        Places of the features that it takes.
-    direct : ndarray, shape (n_features, n_outputs)
-        What each feature adds to its prediction.
-    """
+    """A fitted estimator of another instrument."""
 
     data: EstimatorData
-    columns: tuple[int, ...]
-    direct: Array
+    columns: tuple[int, ...]  # places of the features that it takes
+    direct: Array  # (n_features, n_outputs), what each feature adds to its prediction
 
     def predict(self, X: Array, dt: Array) -> Array:
         """Predict (n, n_outputs) for rows `X` (n, n_features), `dt` (n,) [s] apart."""

@@ -219,12 +219,6 @@ def write_touch_report(
     `calibration` and `report` are as `calibrate_by_touch` gives them; the other arguments, and
     RecordingError, are those of `write_report`. Raises CalibrationError if the calibration was made
     in another way.
-
-    Examples
-    --------
-    >>> write_touch_report(model, None, "touches.html")
-    Traceback (most recent call last):
-    truejoint.errors.CalibrationError: ...
     """
     if "touch" not in calibration.metadata:
         raise CalibrationError(

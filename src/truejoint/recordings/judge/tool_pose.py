@@ -30,11 +30,6 @@ def judge_tool_pose(recording: Recording, reported: Track | None) -> Finding | N
     A base frame of its own is no fault. A wrong unit, arm or tool is tried, and named where it
     explains nine tenths of what the two differ by. None without `reported` poses
     (`read_tool_poses`), kinematics, all joints or motion.
-
-    Examples
-    --------
-    >>> judge_tool_pose(test, None) is None
-    True
     """
     robot, chain = recording.robot, recording.robot.kinematics
     if reported is None or chain is None:

@@ -198,14 +198,7 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
 def read_tool_poses(
     bags: Bags, recording: Recording, profile: str = "", state: str = ""
 ) -> Track | None:
-    """Read what the arm of a recording says in its bags of its tool's pose; None if nothing.
-
-    Examples
-    --------
-    >>> truejoint.recordings.write_bag(test, "session.bag")
-    >>> read_tool_poses("session.bag", test) is None
-    True
-    """
+    """Read what the arm of a recording says in its bags of its tool's pose; None if nothing."""
     paths, robot = as_paths(bags), recording.robot
     topics = bag_topics(paths)
     wiring = find_wiring(paths[0], topics, robot, profile, state, truth=None)
