@@ -6,7 +6,7 @@ DEMO := demo
 FUZZ_MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint results site bench fuzz sbom audit lock clean
+.PHONY: help demo test lint results site bench fuzz wheel sbom audit lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -43,6 +43,16 @@ site: $(VENV)/.installed-site ## Build the manual, the gallery and the API into 
 	$(BIN)/python docs/versions.py site
 	@echo "Open site/index.html in a browser."
 
+FRESH := dist/venv
+wheel: $(VENV)/.installed ## Build wheel and sdist, and run the first hours of the manual on the wheel alone
+	rm -rf dist/*.whl dist/*.tar.gz $(FRESH)
+	$(BIN)/python -m hatchling build -d dist
+	$(PYTHON) -m venv $(FRESH)
+	$(FRESH)/bin/pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	$(FRESH)/bin/pip install --quiet --disable-pip-version-check --no-deps dist/*.whl
+	cd $(FRESH) && bin/python -c "import truejoint as t; assert 'site-packages' in t.__file__, t.__file__"
+	$(ONE_THREAD) $(FRESH)/bin/python -m pytest tests/test_first_hours.py
+
 sbom: $(VENV)/.installed-audit ## Write the bill of materials, CycloneDX, to dist/truejoint.cdx.json
 	@mkdir -p dist
 	$(BIN)/cyclonedx-py requirements requirements.txt --pyproject pyproject.toml \
@@ -63,7 +73,7 @@ lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fit
 	$(COMPILE) --group audit -c requirements-dev.txt -o requirements-audit.txt
 
 clean: ## Remove the virtual environment and everything made
-	rm -rf $(VENV) $(DEMO) bench site docs/api docs/gallery .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DEMO) bench dist site docs/api docs/gallery .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

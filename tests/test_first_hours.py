@@ -1,7 +1,7 @@
 """The first hour of four people: what their page shows, run in an empty folder, and no more.
 
-The commands run in this process, by the entry point of the installed package: a new environment
-would compile every kernel anew. The wheel is built besides, and asked what needs no kernel.
+The commands run in this process, by the entry point of the installed package. ``make wheel`` runs
+them in a new environment that holds the wheel and not the sources.
 """
 
 from __future__ import annotations

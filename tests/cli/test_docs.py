@@ -125,3 +125,10 @@ def test_every_page_is_linked_from_another() -> None:
     }
     for page in PAGES[1:]:
         assert any(page.name in found for other, found in links.items() if other != page), page.name
+
+
+def test_pages_that_the_software_names_are_there() -> None:
+    for path in (ROOT / "src").rglob("*.*"):
+        if path.suffix in {".py", ".j2", ".toml"}:
+            named = re.findall(r"docs/\w+\.md", path.read_text("utf-8"))
+            assert not [page for page in named if not (ROOT / page).is_file()], path
