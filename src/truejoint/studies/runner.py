@@ -60,6 +60,11 @@ class StudyResult:
 
     `computed` is the number of parts that were not stored before, `aside` that of those among them
     that were, by other sources than today's.
+
+    Examples
+    --------
+    >>> result = run_study("forceps-load", {"masses_g": "100"})  # doctest: +SKIP
+    >>> result.rows.groupby("case").load_rms.median()  # doctest: +SKIP
     """
 
     study: Study

@@ -158,7 +158,7 @@ def test_other_frictions_and_weights_are_judged_together(drawn):
     assert list(rows.load) == ["unloaded", "100 g opposing", "100 g along"]
     assert 0.85 < ours.inside < 0.98
     (table,) = result.summary.tables
-    assert table.notes[2].startswith("gated plays (our default): a stated 90 % holds in")
+    assert table.notes[1].startswith("gated plays (our default): a stated 90 % holds in")
     assert drawn(result)
 
 
