@@ -501,7 +501,7 @@ def twin_paper() -> Any:
     """Draw the errors of the twin like peng2024 against those that the paper prints."""
     table, pair = (
         stored("directions", "Table I, specimen peng2024"),
-        re.compile(r"([\d.]+) \(([\d.]+)\)"),
+        re.compile(r"([\d.]+)[^(]* \(([\d.]+)\)"),
     )
     figure, axes = panels(height=4.0)
     axis = axes[0, 0]
