@@ -588,9 +588,9 @@ def choose(
         for number, fold in enumerate(judged):
             cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
         chosen = table.combined()
-    inner = list[Array]()
-    if FEW <= len(recordings) < SORTED_FROM and not any(fold.is_inside for fold in judged):
-        inner = _inside_errors(table, chosen[0], recordings)
+    is_few = FEW <= len(recordings) < SORTED_FROM and not any(fold.is_inside for fold in judged)
+    has_time = is_few and time.process_time() < ends
+    inner = _inside_errors(table, chosen[0], recordings) if has_time else []
     say(1.0, "Fitting what was chosen")
     evidence = _evidence(table, *chosen, names, inner) | {
         "left_out": [fold.name for fold in judged],

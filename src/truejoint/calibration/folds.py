@@ -231,7 +231,7 @@ def without_levels(
 def _sizes(recordings: Sequence[Recording], quantity: str) -> Array:
     """How fast recordings (n,) are, or how large their efforts: mean logarithm of joints' squares.
 
-    Of the joints whose `quantity`, ``measured`` or ``effort``, all recordings have.
+    Of the measured joints whose `quantity`, ``measured`` or ``effort``, all recordings have.
     """
     kind = "speed" if quantity == "measured" else "effort"
     both = (set(r.joints_of(quantity)).intersection(r.joints_of("measured")) for r in recordings)
