@@ -330,10 +330,9 @@ def _domain(environment: Mapping[str, str]) -> int:
     text = environment.get("ROS_DOMAIN_ID") or "0"
     if not (text.isdecimal() and int(text) <= _LAST_DOMAIN):
         raise RosError(f"ROS_DOMAIN_ID is {text!r}; give a number from 0 to {_LAST_DOMAIN}")
-    number = int(text)
+    number, configuration = int(text), discovery(environment)
     with _domains_lock:
         if number not in _domains:
-            configuration = discovery(environment)
             _domains[number] = Domain(number, configuration) if configuration else None
     return number
 
