@@ -33,6 +33,8 @@ BRIDGE = """
 int check(void);
 void start(void);
 void forget_all(void);
+unsigned long ram(void);
+unsigned long ram(void) {{ return sizeof(m_state); }}
 static m_state kept;
 void start(void) {{ m_init(&kept); m_set_homing(&kept, 1, M_HOMING_OF_CALIBRATION); }}
 void forget_all(void) {{ m_reset(&kept); }}

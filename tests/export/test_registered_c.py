@@ -86,6 +86,8 @@ def test_a_broken_stream_gives_the_same_bits(library, name):
 @pytest.mark.parametrize("name", IN_C)
 def test_the_source_passes_its_own_check(library, name):
     assert library(name).functions.check() == 0
+    header = (library(name).folder / "m.h").read_text()
+    assert f" RAM: {library(name).functions.ram()} bytes for each state." in header
 
 
 @needs_compiler

@@ -36,7 +36,7 @@ from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error, known_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
-from truejoint.estimators.family import TARGETS, Target
+from truejoint.estimators.family import TARGETS, Target, evaluate
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.estimators.registry import BESIDE_FILTER, FILTER_WITH_TREES, LINEAR, OFFSET, RAW
 from truejoint.estimators.stack.learn import Stack
@@ -97,6 +97,8 @@ class Candidate:
     spread: Array | float = 0.0
     """Largest (n_joints,) of predictions where signals come apart, over that of the targets."""
     seconds: float = 0.0
+    step: float = 0.0  # time of its row [s], the least of any fold; 0: it was not fitted
+    n_bytes: int = 0  # of what it learnt
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
 
@@ -363,19 +365,26 @@ def _predict(
         loads = np.concatenate([fit_task.known_loads(p.recording, names) for p in table.parts])
         model.fit(table.X, targets, None, table.dt, loads[table.rows])
         history = np.cumsum(table.dt == 0.0)
-        run = np.isin(history, history[test])  # what runs before it does not matter
-        predicted = model.evaluate(table.X[run], table.dt[run])
-        predicted = predicted[np.searchsorted(np.flatnonzero(run), test)]
+        run = np.flatnonzero(np.isin(history, history[test]))  # not what runs before it
     else:
         model.fit(table.X[training], values[training])
-        predicted = model.evaluate(np.ascontiguousarray(table.X[test]))
+        run = test
+    rows, dt = table.X[run], table.dt[run]
+    if model.members_[0].family.row is None:
+        candidate.note = "only works offline, so it is used where it is named alone"
+        predicted = model.evaluate(rows, dt)
+    else:
+        memory, began = model.memory(), time.perf_counter()
+        predicted = evaluate(model.family, memory, rows, dt, model.n_outputs_)
+        step = (time.perf_counter() - began) / len(rows)
+        candidate.step = min(candidate.step or math.inf, step)
+    predicted = predicted[np.searchsorted(run, test)]
+    candidate.n_bytes = sum(values.nbytes for values in model.arrays_.values())
     if len(table.parts) < FEW and model.name not in (RAW, OFFSET):  # of no signal
         targets = values[table.has_target]
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         candidate.spread = np.maximum(candidate.spread, np.sqrt(np.mean(far**2, axis=0)))
-    if model.members_[0].family.row is None:
-        candidate.note = "only works offline, so it is used where it is named alone"
     return np.asarray(predicted - measured[test])
 
 
@@ -725,6 +734,8 @@ def _evidence(
             "features": list(candidate.features),
             "folds": len(candidate.folds),
             "seconds": round(candidate.seconds, 3),
+            "step": candidate.step,
+            "bytes": candidate.n_bytes,
             "weights": dict(zip(joints, weights[number].tolist(), strict=True)),
             "note": together or candidate.note or candidate.lacking,
             **(_errors(alone[judged, number], alone[judged, 0], joints) if judged else {}),

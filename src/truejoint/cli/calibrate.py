@@ -182,7 +182,9 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
         took = f"{of['seconds']:.1f}" if "seconds" in of else ""
         n_features = str(len(of.get("features", ())) or "")
-        return [name, n_features, ratio, *cells, took, of.get("note", "")]
+        step = f"{1e6 * of['step']:.2f}" if of.get("step") else ""
+        size = f"{1e-3 * of['bytes']:.1f}" if of.get("step") else ""
+        return [name, n_features, ratio, *cells, took, step, size, of.get("note", "")]
 
     rows = [row(candidate["estimator"], candidate) for candidate in choice["tried"]]
     chosen = choice["chosen"]
@@ -196,7 +198,8 @@ def print_choice(fitted: truejoint.Calibration) -> None:
     if choice.get("not_judged"):
         say(f"cut, as time ran short: parts left out {', '.join(choice['not_judged'])}")
     title = f"RMSE on {len(choice['left_out'])} parts left out (share in what is chosen)"
-    print_table([*header, "time [s]", "note"], rows, title=title)
+    header += ["time [s]", "step [us]", "size [kB]", "note"]
+    print_table(header, rows, title=title)
     judged = choice.get("zero", {})
     if "note" in judged:
         say(f"a zero for each recording is not judged: {judged['note']}")

@@ -56,6 +56,8 @@ class Program:
     functions: str  # each before it is used
     numbers: tuple[Constant, ...]  # that the C computes with
     names: tuple[str, ...]  # functions of the kernels asked for; each takes a pointer to the struct
+    flash: int  # bytes of the numbers that do not change
+    ram: int  # bytes of the struct
 
     @property
     def digest(self) -> int:
@@ -194,6 +196,7 @@ class Printer:
                 constants.append(owner.constant(f, name, self.style))
                 tables.append(_definition(constants[-1], f, self.style))
         helpers = [text for name, text in _helpers(self.style).items() if name in words]
+        flash = sum(len(each.texts) * self.style.size(each.type) for each in constants)
         return Program(
             "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),
             "\n".join(struct.initial(self.style, named)),
@@ -201,6 +204,8 @@ class Printer:
             "\n\n".join([*helpers, whole]),
             (*constants, *struct.initial_constants(self.style, "initial.")),
             names,
+            flash,
+            struct.size(self.style)[0],
         )
 
     def _text(self, printed: Function) -> str:

@@ -107,6 +107,19 @@ class Struct:
             lines.append(f"    {kind} {f.name}{size}; /* {f.meaning} */")
         return "\n".join([*lines, f"}} {self.type};"])
 
+    def size(self, style: Style) -> tuple[int, int]:
+        """Bytes of the C struct and its alignment, where numbers are aligned to their own size."""
+        offset, alignment = 0, 1
+        for f in self.members():
+            if f.kind == "part":
+                n_bytes, aligned_to = self.parts[f.name].size(style)
+            else:
+                aligned_to = style.size(style.type(kind_of(f)))
+                n_bytes = aligned_to * (self.values(f).size if f.name in self.memory.shapes else 1)
+            offset += -offset % aligned_to + n_bytes
+            alignment = max(alignment, aligned_to)
+        return offset + -offset % alignment, alignment
+
     def initial(self, style: Style, named: Mapping[str, str], depth: int = 0) -> list[str]:
         """Lines of a braced initialiser with what its fields hold before the first step.
 

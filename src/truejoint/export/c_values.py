@@ -154,6 +154,10 @@ class Style:
         """C type of a kind."""
         return {"bool": "int", "int": "int", "real": self.real, "time": "double"}[kind]
 
+    def size(self, type_: str) -> int:
+        """Bytes of a number of a C type; of the arithmetic's where none is given."""
+        return {"int": 4, "float": 4, "double": 8}[type_ or self.real]
+
     def literal(self, value: float, kind: Kind = "real") -> str:
         """Shortest decimal constant that is exactly `value`, or the float nearest to it."""
         return self.literals([value], kind)[0]
