@@ -3,6 +3,7 @@ import pytest
 from pandas import DataFrame
 
 from truejoint import calibrate, evaluate
+from truejoint.calibration import cross_interval
 from truejoint.errors import CalibrationError, RecordingError, StudyError
 from truejoint.evaluation.evaluate import split_sides
 from truejoint.recordings.datasets import DATASETS, locate, read_dataset
@@ -49,6 +50,27 @@ def test_numbers_are_those_of_an_evaluation(tmp_path):
 def test_where_no_estimator_refuses_none_is_named():
     result = run_study("real", {"datasets": KUKA, "estimators": "linear"})
     assert "refus" not in result.summary.tables[0].markdown()
+
+
+@pytest.mark.usefixtures("here")
+def test_coverage_is_that_of_an_evaluation_and_a_zero_is_found_anew():
+    split, how = DATASETS[KUKA].split(), {"dataset": KUKA, "estimator": "linear", "seeds": [0]}
+    training, testing = split_sides(read_dataset(KUKA, split.files), DATASETS[KUKA], split)
+    model = cross_interval(training, "linear", features=DATASETS[KUKA].features)
+    inside = []
+    for recording in testing:
+        corrected, half_width = model.correct_with_interval(recording, 0.9)
+        inside.append(abs(corrected - recording.columns("truth", model.joints)) <= half_width)
+    rows = DataFrame(judge(**how, split=split.name, interval="cross"))
+    found = select(rows, method="linear").set_index("joint").coverage
+    assert found[list(model.joints)].tolist() == pytest.approx(np.concatenate(inside).mean(axis=0))
+    assert 0.5 < found.min() < 1.0
+    moved = DataFrame(judge(**how, split=split.name, zero="recording", rezero_s=1.0))
+    assert (
+        select(moved, method="linear").rmse.to_numpy() != select(rows, method="linear").rmse
+    ).all()
+    with pytest.raises(StudyError, match="interval"):
+        run_study("real", {"datasets": KUKA, "interval": "often"})
 
 
 @pytest.mark.usefixtures("here")

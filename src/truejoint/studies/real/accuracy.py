@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.calibration import calibrate
+from truejoint.calibration import calibrate, cross_interval
+from truejoint.calibration.origin import ZeroOf
+from truejoint.calibration.zero import at_start, zeroed
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names
@@ -27,12 +29,15 @@ from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.studies.rows import frame_table, mean_text, reported, select, unique
 from truejoint.studies.study import CLAIMS, Claim, Part, Results, Rows, Settings, Summary
-from truejoint.tables import DASH, decimals_for
+from truejoint.tables import DASH, decimals_for, fixed
 from truejoint.units import display_unit
 
 HWANG: Final = "hwang"
 """Split of the da Vinci arm's set as its authors do it."""
 _TITLE: Final = "Recordings of real joints"
+_LEVEL: Final = 0.9
+_COVERAGE: Final = "Share of the truth within a stated 90 % [%]"
+_ALLOWED: Final = {"zero": ("usual", *get_args(ZeroOf)), "interval": ("none", "cross")}
 _DVRK: Final = "dvrk_psm_berkeley"
 _SEEN: Final = 0.1
 _WINDOW: Final = 4
@@ -47,18 +52,29 @@ def parts(settings: Settings) -> Sequence[Part]:
     settings.check_names("data set", "datasets", [n for n, d in DATASETS.items() if d.splits])
     names = [*(name for name in estimator_names() if name not in _BASELINES), _AUTO]
     settings.check_names("estimator", "estimators", names)
+    for option, values in _ALLOWED.items():
+        settings.check_names(option, option, values)
+    how = {option: settings[option] for option in (*_ALLOWED, "rezero_s")}
     first, found = settings.seed, []
     for name in settings["datasets"]:
         splits = [split.name for split in DATASETS[name].splits] + [HWANG] * (name == _DVRK)
         for split, estimator in product(splits, settings["estimators"]):
             seeds = settings["networks"] if estimator == "dnn" else 1
             labels = {"dataset": name, "split": split, "estimator": estimator}
-            arguments = {**labels, "seeds": [*range(first, first + seeds)]}
+            arguments = {**labels, "seeds": [*range(first, first + seeds)], **how}
             found.append(Part(f"{name}-{split}-{estimator}", judge, arguments, labels))
     return found
 
 
-def judge(dataset: str, split: str, estimator: str, seeds: Sequence[int]) -> Rows:
+def judge(
+    dataset: str,
+    split: str,
+    estimator: str,
+    seeds: Sequence[int],
+    zero: str = "usual",
+    rezero_s: float = 0.0,
+    interval: str = "none",
+) -> Rows:
     """Fit an estimator to the training side, and judge it on what was held out.
 
     One that refuses the recordings, as a filter of another robot does, has its reason as a result.
@@ -78,9 +94,11 @@ def judge(dataset: str, split: str, estimator: str, seeds: Sequence[int]) -> Row
     if estimator == "dnn":
         params = about.settings.get("dnn", {})
         unfitted = [NeuralNetwork(**params, random_state=seed) for seed in seeds]
-    rate = about.fit_rate
+    how: dict[str, Any] = {"features": features, "fit_rate": about.fit_rate}
+    how |= {} if zero == "usual" else {"zero": zero}
+    make = cross_interval if interval == "cross" else calibrate
     try:
-        models = [calibrate(training, one, features=features, fit_rate=rate) for one in unfitted]
+        models = [make(training, one, **how) for one in unfitted]
     except CalibrationError as reason:
         return [{"refused": str(reason)}]
     judged: list[tuple[str, Any]] = [(estimator, model) for model in models]
@@ -89,10 +107,15 @@ def judge(dataset: str, split: str, estimator: str, seeds: Sequence[int]) -> Row
     joints, robot = models[0].joints, testing[0].robot
     rows: Rows = []
     for method, model in judged:
-        errors = []
+        errors, inside = [], []
         for one in (recording.with_truth(joints) for recording in testing):
-            estimate = one.columns("measured", joints) if model is None else model.correct(one)
-            errors.append(estimate - one.columns("truth", joints))
+            used = None if model is None else zeroed(model, one, rezero_s)
+            estimate = one.columns("measured", joints) if used is None else used.correct(one)
+            judged_rows = ~at_start(one.t, rezero_s)
+            errors.append((estimate - one.columns("truth", joints))[judged_rows])
+            if used is not None and used.interval is not None:
+                inside.append(np.abs(errors[-1]) <= used.half_widths(one, _LEVEL)[judged_rows])
+        coverage = np.concatenate(inside).mean(axis=0) if inside else [math.nan] * len(joints)
         for column, joint in enumerate(joints):
             own = [error[:, column] for error in errors]
             square = compare(own, [np.zeros_like(error) for error in own])
@@ -100,7 +123,7 @@ def judge(dataset: str, split: str, estimator: str, seeds: Sequence[int]) -> Row
             least, most = bounds.tolist() if np.isfinite(square.high) else (math.nan, math.nan)
             labels = {"method": method, "joint": joint, "unit": robot.joint(joint).unit}
             sizes = {"rmse": float(rmse(np.concatenate(own))), "least": least, "most": most}
-            rows.append({**labels, **sizes})
+            rows.append({**labels, **sizes, "coverage": float(coverage[column])})
     return rows
 
 
@@ -132,7 +155,13 @@ def summarise(results: Results) -> Summary:
     errors = rows.groupby(["name", "method"], sort=False).rmse
     texts = errors.agg(lambda own: mean_text(own, decimals_for([own.mean()], most=4))).unstack()
     texts = texts.reindex(unique(rows, "name"), columns=(*_BASELINES, *settings["estimators"]))
-    table = frame_table(_TITLE, texts.astype(object).fillna(DASH), notes, head="held out")
+    tables = [frame_table(_TITLE, texts.astype(object).fillna(DASH), notes, head="held out")]
+    if rows.coverage.notna().any():
+        shares = rows.assign(coverage=100.0 * rows.coverage).pivot_table(
+            "coverage", "name", "method", sort=False
+        )
+        shares = shares.map(lambda share: fixed(share, 0))
+        tables.append(frame_table(_COVERAGE, shares, head="held out"))
     means = rows.pivot_table("rmse", "name", "method", sort=False)
     curves = [
         Curve(means[name] / means[_OFFSET], np.arange(len(means)), name, f"C{n % 10}", "o")
@@ -141,7 +170,7 @@ def summarise(results: Results) -> Summary:
     ]
     panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(means.index))
     figure = Figure(_TITLE, ((panel,),), "", 11.0, 2.0 + 0.3 * len(means), legend=True)
-    return Summary((table,), {"real": figure}, _claims(rows))
+    return Summary(tables, {"real": figure}, _claims(rows))
 
 
 def _claims(rows: DataFrame) -> list[Claim]:
