@@ -59,16 +59,19 @@ def test_coverage_is_that_of_an_evaluation_and_a_zero_is_found_anew():
     model = cross_interval(training, "linear", features=DATASETS[KUKA].features)
     inside = []
     for recording in testing:
-        corrected, half_width = model.correct_with_interval(recording, 0.9)
-        inside.append(abs(corrected - recording.columns("truth", model.joints)) <= half_width)
+        _, least, most = model.correct_with_interval(recording, 0.9)
+        truth = recording.columns("truth", model.joints)
+        inside.append((least <= truth) & (truth <= most))
     rows = DataFrame(judge(**how, split=split.name, interval="cross"))
     found = select(rows, method="linear").set_index("joint").coverage
     assert found[list(model.joints)].tolist() == pytest.approx(np.concatenate(inside).mean(axis=0))
     assert 0.5 < found.min() < 1.0
-    moved = DataFrame(judge(**how, split=split.name, zero="recording", rezero_s=1.0))
+    moved = DataFrame(judge(**how, split=split.name, rezero_s=1.0))
     assert (
         select(moved, method="linear").rmse.to_numpy() != select(rows, method="linear").rmse
     ).all()
+    (refused,) = judge(**how, split=split.name, zero="recording")  # of one recording
+    assert "zero" in refused["refused"]
     with pytest.raises(StudyError, match="interval"):
         run_study("real", {"datasets": KUKA, "interval": "often"})
 
