@@ -16,7 +16,7 @@ from pathlib import Path
 # The quick ones first; `mutants` is asked for by name.
 BENCHMARKS = (
     "recorder", "speed", "tracker", "data_check", "faults", "touch", "tip_error", "monitor",
-    "loop", "margins", "ros_link",
+    "loop", "margins", "ros_link", "like",
 )  # fmt: skip
 
 

@@ -271,6 +271,24 @@ def test_a_row_is_told_as_it_is(jaw_recording, jaw_model):
             assert getattr(told, name).dtype == value.dtype
 
 
+NAMELESS = """
+[...document.querySelectorAll('button, [role=slider], input')]
+    .filter(e => !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length))
+    .map(e => e.outerHTML)
+"""
+
+
+@pytest.mark.skipif(chromium.FOUND is None, reason="chromium is not installed")
+def test_a_screen_reader_can_say_what_each_control_of_a_recording_is(jaw_recording, tmp_path):
+    with RecordingPage(jaw_recording, port=0) as page, chromium.Chromium(tmp_path) as browser:
+        browser.open(page.url)
+        browser.until("document.querySelector('[role=slider][aria-label*=T]') !== null")
+        thumb = "document.querySelector('[role=slider]').getAttribute('aria-label')"
+        assert browser.evaluate(thumb) == "Time [s]"
+        assert browser.evaluate(NAMELESS) == []
+        assert browser.errors == []
+
+
 @pytest.mark.skipif(chromium.FOUND is None, reason="chromium is not installed")
 def test_in_a_browser_the_numbers_follow_and_the_button_pauses(lagging_arm, tmp_path):
     with ArmPage(lagging_arm, port=0) as page, chromium.Chromium(tmp_path) as browser:
@@ -289,6 +307,7 @@ def test_in_a_browser_the_numbers_follow_and_the_button_pauses(lagging_arm, tmp_
         )
         browser.until("document.querySelector('#status').innerText.startsWith('PAUSED')")
         assert lagging_arm.operating_state().state == "PAUSED"
+        assert browser.evaluate(NAMELESS) == []
         assert browser.errors == []
         outside = [u for u in browser.requested if not u.startswith(("data:", "blob:"))]
         assert {u.partition("://")[2].partition("/")[0] for u in outside} == {

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
+from gzip import compress
 from hashlib import sha256
 from importlib.resources import files
 from typing import Any, Final, Self
@@ -140,9 +141,30 @@ def _door(access: Access, serve_page: Callable[[Any, Request], Response | None])
             _log.warning("the monitor's page refused %s: %s", _peer(connection), why)
             return connection.respond(403, f"Refused: {why}.\n")
         request.path = "/"
-        return serve_page(connection, request)
+        response = serve_page(connection, request)
+        if response is not None:
+            body = _page(response.headers["Content-Encoding"])
+            response.body = body
+            del response.headers["Content-Length"]
+            response.headers["Content-Length"] = str(len(body))
+        return response
 
     return answer
+
+
+@cache
+def _page(encoding: str) -> bytes:
+    """Give viser's page with names for what it leaves without one, ``gzip`` or as it is."""
+    body = f"{_text('viser', 'client/build/index.html')}<script>{_names()}</script>".encode()
+    return compress(body) if encoding == "gzip" else body
+
+
+def _names() -> str:
+    return _text("truejoint.monitor", "assets/names.js")
+
+
+def _text(package: str, path: str) -> str:
+    return (files(package) / path).read_text(encoding="utf-8")
 
 
 def _with_headers(_connection: Any, _request: Request, response: Response) -> None:
@@ -152,15 +174,16 @@ def _with_headers(_connection: Any, _request: Request, response: Response) -> No
 
 @cache
 def content_policy() -> str:
-    """Say what viser's page may do: run its own script and what that unpacks, talk to us alone.
+    """Say what the page may do: run two scripts and what viser's unpacks, talk to us alone.
 
     Text in it is never a script. `unsafe-eval` is for its WebAssembly, which makes functions.
     """
-    page = (files("viser") / "client/build/index.html").read_text(encoding="utf-8")
+    page = _text("viser", "client/build/index.html")
     script = page.partition("<script")[2].partition(">")[2].partition("</script>")[0]
-    digest = b64encode(sha256(script.encode()).digest()).decode()
+    digests = [b64encode(sha256(text.encode()).digest()).decode() for text in (script, _names())]
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
-        f"default-src 'none'; script-src 'sha256-{digest}' 'strict-dynamic' 'unsafe-eval'; "
+        f"default-src 'none'; script-src {hashes} 'strict-dynamic' 'unsafe-eval'; "
         "worker-src blob:; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
         "connect-src 'self' data: blob:; base-uri 'none'; form-action 'none'; "
         "frame-ancestors 'none'"

@@ -36,6 +36,7 @@ _PATIENCE: Final = 2.0  # [s] for it to end by itself
 SILENCE: Final = 1.0
 """Time without a line from who drives the arm [s] after which the page says so."""
 _LAST_WORDS: Final = 0.3  # [s] in which browsers hear that it ends
+_RED: Final = (201, 42, 42)  # on which white letters stand out by 5 to 1
 
 
 class PageProcess:
@@ -157,7 +158,7 @@ class ArmView(Page):
         self.render(self.samples, condition, silence=now - self._reported)
 
     def _add_buttons(self, gui: Any) -> None:
-        self.pause = gui.add_button("Pause the arm", color="red")
+        self.pause = gui.add_button("Pause the arm", color=_RED)
         self.pause.on_click(lambda _: self._on_command("pause"))
         self.resume: Any = None
         if self._remote_control or not self.is_remote:
