@@ -511,7 +511,8 @@ class Automatic:
         Candidates; by default those of the registry. One with its own features is tried where the
         recordings have them; one that only works offline is not chosen.
     seconds : float
-        Processor time that the choice and the fit may take, about.
+        Processor time that the choice and the fit may take, about; raises CalibrationError for
+        what is no time.
     tell : callable, optional
         Called with what is done next, in words.
 
@@ -526,6 +527,10 @@ class Automatic:
     candidates: Sequence[Regressor] = field(default_factory=candidates)
     seconds: float = 60.0
     tell: Callable[[str], None] | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.seconds, bool) or not self.seconds >= 0.0:
+            raise CalibrationError(f"Automatic: seconds are {self.seconds!r}; give a time [s]")
 
     def say(self, report: Progress) -> Say:
         """Tell what is done next, and `report` the fraction done."""

@@ -184,7 +184,7 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         n_features = str(len(of.get("features", ())) or "")
         step = f"{1e6 * of['step']:.2f}" if of.get("step") else ""
         size = f"{1e-3 * of['bytes']:.1f}" if of.get("step") else ""
-        return [name, n_features, ratio, *cells, took, step, size, of.get("note", "")]
+        return [name, n_features, ratio, *cells, took, step, size]
 
     rows = [row(candidate["estimator"], candidate) for candidate in choice["tried"]]
     chosen = choice["chosen"]
@@ -198,8 +198,11 @@ def print_choice(fitted: truejoint.Calibration) -> None:
     if choice.get("not_judged"):
         say(f"cut, as time ran short: parts left out {', '.join(choice['not_judged'])}")
     title = f"RMSE on {len(choice['left_out'])} parts left out (share in what is chosen)"
-    header += ["time [s]", "step [us]", "size [kB]", "note"]
+    header += ["time [s]", "step [us]", "[kB]"]
     print_table(header, rows, title=title)
+    for candidate in choice["tried"]:
+        if candidate["note"]:
+            say(f"{candidate['estimator']}: {candidate['note']}")
     judged = choice.get("zero", {})
     if "note" in judged:
         say(f"a zero for each recording is not judged: {judged['note']}")
