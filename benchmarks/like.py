@@ -53,7 +53,7 @@ def main() -> None:
             for fits in (alone, like):
                 cells.append(np.mean([error(fit, judging[name]) for fit in fits]))
         cells.append(error(models[name], judging[name]))
-        print(f"| `{name[2:]}` | {' | '.join(f'{cell:.2f}' for cell in cells)} |", flush=True)
+        print(f"| `{name}` | {' | '.join(f'{cell:.2f}' for cell in cells)} |", flush=True)
 
 
 if __name__ == "__main__":
