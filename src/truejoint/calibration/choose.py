@@ -102,7 +102,7 @@ class Candidate:
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
 
-    @property
+    @cached_property
     def bears_load(self) -> bool:
         """Whether it still holds where a load moves the joint off what its motor says."""
         return self.model.family.bears_load(self.model.model_params())

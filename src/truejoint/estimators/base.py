@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
@@ -64,6 +65,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     training: ClassVar[Mapping[str, Rule]] = {}  # rules of parameters that its family is not told
     fitted_params: ClassVar[Params] = {}  # parameters of its family alone, as before a fit
     partial: ClassVar[bool] = False  # a target that is NaN is left out, its row's others are not
+
+    @classmethod
+    @cache
+    def _get_param_names(cls) -> Any:  # scikit-learn reads them from the signature each time
+        return super()._get_param_names()
 
     @property
     def name(self) -> str:

@@ -172,9 +172,9 @@ class Stack(JointRegressor):
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs, what it sees."""
-        fitted = vars(self).get("fitted_params_")
-        asked = {"members": _described(self._unfitted()), "columns": _tuples(self.sees)}
-        return dict(fitted or asked)
+        if fitted := vars(self).get("fitted_params_"):
+            return dict(fitted)
+        return {"members": _described(self._unfitted()), "columns": _tuples(self.sees)}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
