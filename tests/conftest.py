@@ -36,6 +36,23 @@ settings.load_profile("steady")
 os.fsync = lambda _file: None  # what tests write need outlive no power cut
 
 
+LONGEST = (
+    "estimators/test_contract", "test_lab_day", "runtime/test_registered",
+    "studies/forceps/test_experiments", "crtk/backends/test_ros", "export/test_registered_c",
+    "studies/raven2/test_experiments", "test_first_hours", "test_readme", "recordings/test_hostile",
+    "calibration/test_zero", "test_examples", "monitor/test_pages", "cli/test_teleop",
+    "tip/test_faults", "test_plugins", "recordings/judge/test_positions", "calibration/test_choose",
+    "simulation/raven2/test_twin", "evaluation/test_intervals", "calibration/test_cross_conformal",
+)  # fmt: skip
+"""Files that take longest. The first fits all models that others read; the second mostly waits."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files: no process has one left when the others are done."""
+    turns = {Path(__file__).parent / f"{name}.py": turn for turn, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: turns.get(item.path, len(turns)))
+
+
 def pytest_collection_finish() -> None:
     """Spare the garbage collector what stays to the end, and have it look less often.
 
