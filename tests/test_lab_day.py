@@ -1,7 +1,5 @@
 """A lab's day on a real ROS 1: a robot to try it on, rosbag, calibration, correction."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

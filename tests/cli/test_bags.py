@@ -1,7 +1,5 @@
 """`truejoint extract`, `bag` and `doctor`, as a person calls them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tests of the arm that a command drives or looks at: over topics, and what is asked before."""
 
-from __future__ import annotations
-
 import json
 import sys
 from contextlib import ExitStack, suppress

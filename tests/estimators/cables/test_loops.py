@@ -1,7 +1,5 @@
 """The reduced model of an instrument's loops against springs, the plant, and its own limits."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Networks that remember: that they are trained as they run."""
 
-from __future__ import annotations
-
 import sys
 from importlib.util import find_spec
 
