@@ -35,14 +35,14 @@ os.fsync = lambda _file: None  # what tests write need outlive no power cut
 
 
 LONGEST = (
-    "estimators/test_contract", "test_lab_day", "runtime/test_registered",
-    "studies/forceps/test_experiments", "crtk/backends/test_ros", "export/test_registered_c",
-    "studies/raven2/test_experiments", "test_first_hours", "test_readme", "recordings/test_hostile",
+    "estimators/test_contract", "crtk/backends/test_ros", "runtime/test_registered",
+    "studies/raven2/test_experiments", "test_lab_day", "studies/forceps/test_experiments",
+    "export/test_registered_c", "test_first_hours", "test_readme", "recordings/test_hostile",
     "calibration/test_zero", "test_examples", "monitor/test_pages", "cli/test_teleop",
     "tip/test_faults", "test_plugins", "recordings/judge/test_positions", "calibration/test_choose",
     "simulation/raven2/test_twin", "evaluation/test_intervals", "calibration/test_cross_conformal",
 )  # fmt: skip
-"""Files that take longest. The first fits all models that others read; the second mostly waits."""
+"""Files that take longest. The first compiles the kernels and fits the models that others use."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
