@@ -16,8 +16,9 @@ demo: $(VENV)/.installed ## Calibrate a simulated RAVEN-II from homing to report
 
 # A process for each core, and one thread in each: more would wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
+# Python is started a hundred times: its bytecode is kept. tests/conftest.py orders the files.
 test: $(VENV)/.installed-dev ## Run the test suite
-	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile
+	PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.installed-dev ## Check style, types and which package imports which
 	$(BIN)/ruff check .

@@ -3,8 +3,6 @@
 It speaks the DevTools protocol over the websocket that Chromium opens on this computer.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Fixtures that several packages share."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil
@@ -34,6 +32,23 @@ settings.register_profile(
 )
 settings.load_profile("steady")
 os.fsync = lambda _file: None  # what tests write need outlive no power cut
+
+
+LONGEST = (
+    "estimators/test_contract", "crtk/backends/test_ros", "runtime/test_registered",
+    "studies/raven2/test_experiments", "test_lab_day", "studies/forceps/test_experiments",
+    "export/test_registered_c", "test_first_hours", "test_readme", "recordings/test_hostile",
+    "calibration/test_zero", "test_examples", "monitor/test_pages", "cli/test_teleop",
+    "tip/test_faults", "test_plugins", "recordings/judge/test_positions", "calibration/test_choose",
+    "simulation/raven2/test_twin", "evaluation/test_intervals", "calibration/test_cross_conformal",
+)  # fmt: skip
+"""Files that take longest. The first compiles the kernels and fits the models that others use."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files: no process has one left when the others are done."""
+    turns = {Path(__file__).parent / f"{name}.py": turn for turn, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: turns.get(item.path, len(turns)))
 
 
 def pytest_collection_finish() -> None:

@@ -1,7 +1,5 @@
 """RAVEN-II arms drawn by a seed, their touches, and what may be wrong with these; no twin."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product

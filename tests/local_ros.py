@@ -1,7 +1,5 @@
 """A ROS within this process, for what does not depend on a real one."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A ROS master of a test's own, on a free port of this computer, ended by its process."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import socket

@@ -1,7 +1,5 @@
 """A tracker beside a simulated arm: noisy points or poses of a marker, on a clock of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final

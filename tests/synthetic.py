@@ -1,7 +1,5 @@
 """Small synthetic recordings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Compiled kernels: IEEE divisions, views that share memory, and calls through an address."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections import namedtuple

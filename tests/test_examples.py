@@ -1,7 +1,5 @@
 """Every public name says what it is and shows it: the examples of the docstrings, run."""
 
-from __future__ import annotations
-
 import doctest
 import inspect
 from importlib import import_module

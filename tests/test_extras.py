@@ -1,7 +1,5 @@
 """What a plain install does without the extras, and what it says where it needs one."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 They were written down before anyone looked at what there was.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ The commands run in this process, by the entry point of the installed package. `
 them in a new environment that holds the wheel and not the sources.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """What a person tries first in Python works, or is refused in one line that says what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A lab's day on a real ROS 1: a robot to try it on, rosbag, calibration, correction."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -100,6 +98,9 @@ def module(*arguments: str | Path) -> tuple[str | Path, ...]:
     return (sys.executable, "-m", "truejoint", *arguments)
 
 
+SIMULATE = module("node", "simulate", "--state-rate-hz", "100")
+
+
 class Package(NamedTuple):
     """A model, its ROS package, and the program that builds it."""
 
@@ -114,11 +115,18 @@ class Package(NamedTuple):
         return next(path for path in self.folder.rglob("correct") if path.is_file())
 
 
+class Simulator(ExitStack):
+    """The program of a simulated robot; once it is closed, another may come up in its place."""
+
+    def start(self, *words: str) -> None:
+        self.process = self.enter_context(program(*SIMULATE, *words))
+
+
 @pytest.fixture(scope="module")
-def simulator(ros) -> Iterator[subprocess.Popen[str]]:
-    line = ("node", "simulate", "--homed", "--state-rate-hz", "100", "--seed", "3")
-    with program(*module(*line)) as process:
-        yield process
+def simulator(ros) -> Iterator[Simulator]:
+    with Simulator() as made:
+        made.start("--homed", "--seed", "3")
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +153,7 @@ def package(simulator, tmp_path_factory) -> Iterator[Package]:
 @pytest.fixture(scope="module")
 def robot(ros, simulator, package) -> Iterator[Arm]:
     """The simulated one, which has come up while the package was made."""
-    said(simulator, "/arm1/measured_js")
+    said(simulator.process, "/arm1/measured_js")
     # Others may have the processor for seconds.
     patience, newest = pytest.MonkeyPatch(), Arm.newest_state
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
@@ -316,7 +324,7 @@ def wait_for_readers(topics: list[str], who: str = "record") -> None:
 
 
 def connections(side: int) -> dict[str, list[str]]:
-    """Nodes that write (0) or read (1) each topic, as the master knows."""
+    """Nodes that write (0) or read (1) each topic or serve (2) it, as the master knows."""
     import rosgraph  # noqa: PLC0415  # Debian's
 
     return dict(rosgraph.Master("/test").getSystemState()[side])
@@ -369,11 +377,12 @@ def test_the_old_and_the_new_name_of_a_message_are_read_on_one_topic(ros):
     end()
 
 
-def test_a_master_that_starts_anew_is_told_all_topics(master, ros, robot):
+def test_a_master_that_starts_anew_is_told_all_topics_and_services(master, ros, robot):
     master.__exit__()
     before = robot.measured_js().t  # connections that stand outlive it
     master.__enter__()
     wait_for_writers(["/arm1/measured_js", "/arm1/servo_jp"])  # theirs and ours
+    until(lambda: "/arm1/forward_kinematics" in connections(2), "the robot's services")
     until(lambda: robot.measured_js().t > before, "the joints")
     robot.move_jp(ROBOT.home + np.eye(7)[0] * 0.01).wait()
 
@@ -383,42 +392,40 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
 ):
     day, morning = tmp_path / "day.safetensors", tmp_path / "morning.safetensors"
     truejoint.write_calibration(package.model, day)
+    assert moves(robot)  # to where the model knows it
     raw, corrected, said = [], [], []
     of_topics = {"measured_js": raw, "corrected/measured_js": corrected}
     ends = [
         *(ros.subscribe(f"/arm1/{n}", JOINT_STATE, keeper(ros, r)) for n, r in of_topics.items()),
         ros.subscribe("/arm1/corrected/status", STRING_STAMPED, lambda m: said.append(m.string)),
     ]
-    with ExitStack() as on:
-        with program(*module("node", "correct", day, "--profile", PROFILE)):
-            until(lambda: said[-1:] == ["OK"], "the first corrected joints")
-            began = len(corrected)
-            steer(ros)
-            steps = [largest_step(rows) for rows in in_common(raw, corrected[began:])]
-            assert (steps[1] <= 3.0 * steps[0]).all()  # the noise of efforts is in it
-            simulator.terminate()
-            until(lambda: said[-1] == "SILENT", "the node to say that the robot has stopped")
-            last = len(corrected) - 1
-            with program(*SIMULATE):  # not homed, and then homed without the 13 s of it
-                until(lambda: not robot.operating_state().is_homed, "a robot switched on")
-            on.enter_context(program(*SIMULATE, "--homed", "--seed", "8"))
-            until(lambda: said[-1] == "HOMED_AGAIN", "another homing")
-            until(lambda: moves(robot), "the robot to take set-points")
-            with ThreadPoolExecutor(1) as pool:
-                moved = pool.submit(run_along, robot, waves(2.0))
-                over_ros = ("--ros", "1", "--profile", PROFILE, "--truth", TRUTH_TOPIC)
-                truejoint_("rezero", day, *over_ros, "--duration-s", "3", "-o", morning)
-                moved.result()
-            before, after = in_common(raw, corrected[last:])  # of a robot that is elsewhere now,
-            assert (largest_step(after - before) < LARGEST_MOVE).all()  # the correction alone
-        with program(*module("node", "correct", morning, "--profile", PROFILE)):
-            until(lambda: said[-1] == "OK", "corrected joints after the homing")
-        robot.close()  # which pauses it, while there is one
+    with program(*module("node", "correct", day, "--profile", PROFILE)):
+        until(lambda: said[-1:] == ["OK"], "the first corrected joints")
+        began = len(corrected)
+        steer(ros)
+        steps = [largest_step(rows) for rows in in_common(raw, corrected[began:])]
+        assert (steps[1] <= 3.0 * steps[0]).all()  # the noise of efforts is in it
+        simulator.close()
+        until(lambda: said[-1] == "SILENT", "the node to say that the robot has stopped")
+        last = len(corrected) - 1
+        with program(*SIMULATE):  # not homed, and then homed without the 13 s of it
+            until(lambda: not robot.operating_state().is_homed, "a robot switched on")
+        simulator.start("--homed", "--seed", "8")
+        until(lambda: said[-1] == "HOMED_AGAIN", "another homing")
+        until(lambda: moves(robot), "the robot to take set-points")
+        with ThreadPoolExecutor(1) as pool:
+            moved = pool.submit(run_along, robot, waves(2.0))
+            over_ros = ("--ros", "1", "--profile", PROFILE, "--truth", TRUTH_TOPIC)
+            truejoint_("rezero", day, *over_ros, "--duration-s", "3", "-o", morning)
+            moved.result()
+        before, after = in_common(raw, corrected[last:])  # of a robot that is elsewhere now,
+        assert (largest_step(after - before) < LARGEST_MOVE).all()  # the correction alone
+    with program(*module("node", "correct", morning, "--profile", PROFILE)):
+        until(lambda: said[-1] == "OK", "corrected joints after the homing")
     for end in ends:
         end()
 
 
-SIMULATE = module("node", "simulate", "--state-rate-hz", "100")
 NEAR = np.array([*np.radians([1.0, 1.0]), 1e-3])
 LARGEST_MOVE = 1.1 * LONGEST_MOVE * np.array([*np.radians([2.0, 2.0]), 2e-3])
 

@@ -1,7 +1,5 @@
 """Named fields of flat arrays: what is declared is where kernels find it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -3,8 +3,6 @@
 These are the pages, the help texts, the messages of errors, and the docstrings of public names.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Packages that add robots and formats: found by name, loaded when asked for."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

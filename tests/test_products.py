@@ -1,7 +1,5 @@
 """Products in blocks of four are products, and their bits do not depend on the number of rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

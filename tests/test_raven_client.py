@@ -1,7 +1,5 @@
 """RAVEN-II's own controller on the arm that is served with its quirks, over a real ROS 1."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What README and the first steps show, run: the demo, shortened, then every Python block."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

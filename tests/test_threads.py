@@ -1,7 +1,5 @@
 """One thread of linear algebra, and as many as before afterwards."""
 
-from __future__ import annotations
-
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from truejoint.threads import one_thread

@@ -1,7 +1,5 @@
 """Correcting: whole recordings and sample by sample."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

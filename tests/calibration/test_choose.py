@@ -1,7 +1,5 @@
 """The linear model, unless another is better on recordings that its fit did not see."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Intervals: what they are made of, what they cover, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Intervals of the recordings that are fitted to: what they are made of, and what they cover."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

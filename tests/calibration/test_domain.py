@@ -1,7 +1,5 @@
 """The training domain: what it observes, against a plain count, and its place in the file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """How an arm behaves while its calibration holds: efforts on the way, errors over time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

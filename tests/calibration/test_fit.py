@@ -1,7 +1,5 @@
 """Calibrating: what is learnt, what is noted, what is refused."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

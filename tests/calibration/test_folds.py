@@ -1,7 +1,5 @@
 """What a fit does not see: whole recordings, parts with a gap, never single rows."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The model file: round trip to the bit, and nothing but one line on anything else."""
 
-from __future__ import annotations
-
 import copy
 import json
 import struct

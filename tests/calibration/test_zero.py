@@ -1,7 +1,5 @@
 """Re-zeroing: only the offset moves, and it says how well it is known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

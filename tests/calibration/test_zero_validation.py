@@ -1,7 +1,5 @@
 """A zero for each recording, kept where re-zeroed recordings that no fit saw are better for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A small session on the simulated arm, made once through the command line itself."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import sys

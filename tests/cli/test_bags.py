@@ -1,7 +1,5 @@
 """`truejoint extract`, `bag` and `doctor`, as a person calls them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +10,14 @@ from truejoint import read_recording
 pytest.importorskip("rosbags", reason="rosbags is not installed (truejoint[ros])")
 
 
-@pytest.fixture(scope="module")
-def bag(session, tmp_path_factory) -> Path:
-    return tmp_path_factory.mktemp("bags") / "random.bag"
+@pytest.fixture
+def bag(call, session) -> Path:
+    made = call.good(f"export {session}/random.parquet --to bag -o random.bag")
+    assert "/ravenstate" in made.out
+    return Path("random.bag")
 
 
 def test_a_session_goes_to_a_bag_and_back(call, session, bag):
-    made = call.good(f"export {session}/random.parquet --to bag -o {bag}")
-    assert "/ravenstate" in made.out
     assert "/ext_jpos  sensor_msgs/JointState" in call(f"extract {bag}").out
     line = f"extract {bag} -o again.parquet --metadata load_grams=200 --metadata homing_id=x"
     assert call.json(line)["homing_id"] == "x"
@@ -40,7 +38,6 @@ def test_a_session_goes_to_a_bag_and_back(call, session, bag):
 
 
 def test_the_doctor_says_a_line_for_each_verdict(call, session, bag):
-    assert bag.exists()
     for target in (session / "random.parquet", bag):
         told = call.good(f"doctor {target}")
         assert len(told.out.splitlines()) == 15

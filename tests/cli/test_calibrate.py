@@ -1,7 +1,5 @@
 """`truejoint calibrate`: an automatic choice, and an interval of what it is fitted to."""
 
-from __future__ import annotations
-
 import pytest
 from tests.runtime.registered import model, wrist
 from tests.synthetic import build_recording

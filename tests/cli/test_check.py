@@ -1,7 +1,5 @@
 """`truejoint check` as a person calls it, and the interval that it judges by."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every command as a person calls it: what it makes, says and returns."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

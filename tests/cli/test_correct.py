@@ -1,7 +1,5 @@
 """What `correct`, `show` and `evaluate` of several models make and say."""
 
-from __future__ import annotations
-
 import html
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What README and docs show is there: commands with their options, benchmarks, pages."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shlex

@@ -1,7 +1,5 @@
 """`truejoint doctor live`, on topics within this process."""
 
-from __future__ import annotations
-
 from tests.recordings.said import PROFILE, STATE, SaidRos, told_session
 
 from truejoint.crtk import ros

@@ -1,7 +1,5 @@
 """Tests of the arm that a command drives or looks at: over topics, and what is asked before."""
 
-from __future__ import annotations
-
 import json
 import sys
 from contextlib import ExitStack, suppress
@@ -43,7 +41,7 @@ def arm(monkeypatch):
     """An arm that is homed and served in this process; commands find its topics."""
     for place in (backends, sys.modules["truejoint.crtk.arm"], protocol):
         monkeypatch.setattr(place, "SILENCE", LONG)  # on a busy machine
-    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 2.0)
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", LONG)
     ros = LocalRos()
     ros.close = lambda: None
     monkeypatch.setattr("truejoint.crtk.ros.open_transport", lambda *_: ros)
@@ -173,19 +171,20 @@ def test_it_goes_where_it_is_told(call, arm):
     ("line", "said"),
     [
         ("--namespace /arn1", "arms report under /arm1: did you mean '/arm1'?"),
-        ("--robot dvrk_psm --namespace /arm1", "measured_js: "),
+        ("--robot dvrk_psm --namespace /arm1", "_js: dvrk_psm: no joint called '"),
         ("--profile raven_mended", "did you mean 'raven2_mended'?"),
     ],
 )
 def test_another_arm_than_is_there_is_one_line(call, arm, monkeypatch, line, said):
-    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 0.3)
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 1.0)
     assert call.refuses(said, f"monitor --ros 2 {line} --port 0").count("\n") == 1
 
 
 def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monkeypatch):
     call.refuses("/none: no truth came within 1 s", f"check {model} {BRIEF} /none")
     with suppress(truejoint.errors.MotionStopped):
-        motion = arm.move_jp(arm.robot.home + 0.5 * np.eye(7)[0], speed=np.full(7, 0.05))
+        there = arm.robot.home + (arm.robot.upper - arm.robot.home) * np.eye(7)[0]
+        motion = arm.move_jp(there, speed=np.full(7, 0.04))  # for longer than it takes to look
         told = call(f"teleop {OVER} --go-to elbow=80 --yes-move-it")
         motion.cancel()
     assert told.code == 2

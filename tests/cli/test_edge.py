@@ -1,7 +1,5 @@
 """Whatever is typed or lies in a file: one line, the right exit code, nothing that steers."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal

@@ -1,7 +1,5 @@
 """A laboratory's own way: calibrate, hang weights, home, read loads."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

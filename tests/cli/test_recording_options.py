@@ -1,7 +1,5 @@
 """What a person names on the command line, and what becomes of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

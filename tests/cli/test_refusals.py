@@ -1,7 +1,5 @@
 """A wrong call is refused in one line that says what to do, and leaves nothing behind."""
 
-from __future__ import annotations
-
 import os
 import runpy
 import shlex

@@ -1,7 +1,5 @@
 """`truejoint touch` and `rezero`: the whole way of a block, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from types import SimpleNamespace

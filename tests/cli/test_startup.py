@@ -1,7 +1,5 @@
 """The command answers at once: nothing heavy is imported to say what there is."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`truejoint track`, as a person calls it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Faults put into any back end, to try what is to survive them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, get_args

@@ -1,7 +1,5 @@
 """A twin that homes at once and is where it is told to be."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tests of arms whose back ends take set-points at other rates than RAVEN-II's 1 kHz."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,13 +1,12 @@
 """Tests of truejoint.crtk.ros.ros2: what is on the wire, what was latched, and who is found."""
 
-from __future__ import annotations
-
 import logging
 import os
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from typing import Self
 
 import numpy as np
 import pytest
@@ -68,12 +67,12 @@ class Mailbox(list):
             self.append(message)
             self._came.notify_all()
 
-    def until(self, has_come: Callable[[], bool]) -> Mailbox:
+    def until(self, has_come: Callable[[], bool]) -> Self:
         with self._came:
             assert self._came.wait_for(has_come, LONG), f"{len(self)} messages"
         return self
 
-    def wait(self, count: int) -> Mailbox:
+    def wait(self, count: int) -> Self:
         return self.until(lambda: len(self) >= count)
 
 

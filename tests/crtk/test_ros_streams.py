@@ -1,7 +1,5 @@
 """Tests of truejoint.crtk.ros.state_stream: set-points that cease."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

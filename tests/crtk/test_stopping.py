@@ -97,6 +97,26 @@ def test_a_move_returns_a_handle_that_another_thread_can_cancel(lagging_arm, mon
     motion.cancel()  # once more does nothing
 
 
+def test_a_pause_is_not_sent_again_to_an_arm_that_was_resumed_at_once(lagging_arm, monkeypatch):
+    reached, asked, sent = threading.Event(), threading.Event(), []
+    send = lagging_arm._backend.state_command
+
+    def and_resume(command, timeout):
+        sent.append(command)
+        send(command, timeout)
+        send("resume", timeout)
+
+    monkeypatch.setattr(lagging_arm._backend, "state_command", and_resume)
+    lagging_arm.subscribe(lambda block: reached.set() or asked.wait(60.0))
+    motion = lagging_arm.move_jp(lagging_arm.robot.home + FAR)
+    assert reached.wait(60.0)
+    over = motion.over.wait
+    monkeypatch.setattr(motion.over, "wait", lambda timeout=None: asked.set() or over(timeout))
+    lagging_arm.pause()
+    assert sent == ["pause"]
+    assert lagging_arm.operating_state().state == "ENABLED"
+
+
 def test_a_time_out_leaves_the_motion_going(lagging_arm):
     gate = threading.Event()
     lagging_arm.subscribe(lambda block: gate.wait(60.0) and None)

@@ -1,7 +1,5 @@
 """Runs of a virtual forceps: calibration and verification as in yan2020, and an unloaded pair."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """What every registered estimator keeps: one row, from which everything else follows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A family: its rules, its shapes, its memory and its row, whatever it is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What estimators with a filter within them share."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from truejoint.estimators.filtered import FAULTS, histories

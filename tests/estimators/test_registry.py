@@ -1,7 +1,5 @@
 """Estimators by name: one place knows the names."""
 
-from __future__ import annotations
-
 import ast
 import re
 from contextlib import suppress

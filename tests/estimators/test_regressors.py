@@ -1,7 +1,5 @@
 """Each estimator keeps scikit-learn's contract and ours."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.base import clone

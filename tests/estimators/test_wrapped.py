@@ -1,7 +1,5 @@
 """Regressors of scikit-learn: fitted, run, kept and refused."""
 
-from __future__ import annotations
-
 import doctest
 import warnings
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Calibrations of synthetic recordings, and seeds of one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

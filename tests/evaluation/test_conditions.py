@@ -1,7 +1,5 @@
 """A test is told what it does that no recording of the training did."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

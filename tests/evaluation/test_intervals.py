@@ -1,7 +1,5 @@
 """Coverage of a stated interval in the evaluation and in the report."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

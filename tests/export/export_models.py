@@ -1,7 +1,5 @@
 """Calibrations with random numbers in them, and recordings to run them on."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

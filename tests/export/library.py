@@ -1,7 +1,5 @@
 """Exported calibrations, compiled and called."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

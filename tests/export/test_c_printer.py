@@ -1,7 +1,5 @@
 """Small kernels, printed, compiled, and held to what numba makes of them, bit for bit."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from functools import cache

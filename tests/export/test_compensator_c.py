@@ -1,7 +1,5 @@
 """The compensator in C: the bits of the Python, whatever the stream."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The exported C source, compiled without a warning, against the corrector."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`truejoint export`."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The ONNX graph, run by onnxruntime, against the corrections that Python makes."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

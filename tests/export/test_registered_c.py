@@ -1,7 +1,5 @@
 """Every registered estimator in C: the bits of the corrector, whatever the stream."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The exported C under address and undefined-behaviour sanitizers, on any input at all."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The check that goes with an exported source fails when any number of the source is wrong."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 from pathlib import Path

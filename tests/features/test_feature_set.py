@@ -1,7 +1,5 @@
 """Features are causal, exact, and the same offline as in the loop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Reference data of other people's filters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Linear models for the unscented filter, whose functions are compiled once for all of them."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

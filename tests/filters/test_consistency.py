@@ -1,7 +1,5 @@
 """Whether the filter's stated covariance is true, over independent runs of a bent model."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Factors of covariances, healthy and rank-deficient."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

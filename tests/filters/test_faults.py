@@ -1,7 +1,5 @@
 """Bad input, bad models and bad luck: the filter survives each with the status it deserves."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from dataclasses import replace

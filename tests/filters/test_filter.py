@@ -1,7 +1,5 @@
 """The filter and the smoother against other people's, and against a Kalman filter written here."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a prototype needs: plain functions, and the textbook to compare with."""
 
-from __future__ import annotations
-
 import math
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Weights of the sigma points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Models at the door."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numba import njit

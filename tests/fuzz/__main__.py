@@ -7,8 +7,6 @@ waits for minutes, or needs more than 1 GiB beyond what was loaded before; exit 
 was any. `--case` shows a single one.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import mmap

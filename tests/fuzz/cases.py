@@ -4,8 +4,6 @@ public functions, messages of ROS, frames of the monitor's socket.
 A case is a number and a seed: the same two give the same case.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import inspect

@@ -8,8 +8,6 @@ code 1 if it did not, or if a page wrote a traceback or a line a second, stopped
 or grew by 100 MB.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

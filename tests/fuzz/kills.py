@@ -8,8 +8,6 @@ file. Afterwards every file of before must be there under its name, and every fi
 must be whole. Prints the seed and what went wrong; exit code 1 when there was any.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import resource

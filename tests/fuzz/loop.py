@@ -9,8 +9,6 @@ that is not finite must never be corrected, and what is corrected must be finite
 exit code 1 when anything was wrong.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

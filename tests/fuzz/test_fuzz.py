@@ -1,7 +1,5 @@
 """A handful of random cases, and every case that once went wrong."""
 
-from __future__ import annotations
-
 import json
 import struct
 

@@ -1,7 +1,5 @@
 """Files of every layout, made up for the tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A small file of every kind of recordings, and what may come of it once its bytes are damaged."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import struct

@@ -8,8 +8,6 @@ that read recordings, a process each, with bounded memory, and prints what they 
 
 # ruff: noqa: PLC0415, S608, T201  # SQL of its own constants; truejoint once a command runs
 
-from __future__ import annotations
-
 import bz2
 import contextlib
 import gzip

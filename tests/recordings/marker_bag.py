@@ -1,7 +1,5 @@
 """Bags of what a tracker says, in each type of message that is read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

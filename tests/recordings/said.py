@@ -1,7 +1,5 @@
 """A ROS on which a recording is said message by message, at the times of its stamps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Whatever is done to the bytes of a file, it is read in part or refused in one line."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -3,8 +3,6 @@
 All kinds with all commands: ``python -m tests.recordings.hostile``.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

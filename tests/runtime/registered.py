@@ -1,7 +1,5 @@
 """A calibration by every registered estimator, and what a loop would feed it."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 from collections.abc import Sequence

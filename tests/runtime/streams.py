@@ -1,7 +1,5 @@
 """A simulated joint sensor stream at any rate, and a calibration trained on it at 30 Hz."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any

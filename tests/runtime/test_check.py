@@ -1,7 +1,5 @@
 """Checking with a brief truth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The compensator on a joint whose loss is known, and on the virtual forceps."""
 
-from __future__ import annotations
-
 from functools import partial
 from types import SimpleNamespace
 

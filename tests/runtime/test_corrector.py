@@ -1,7 +1,5 @@
 """The corrector: the same numbers as the calibration, in the loop and without its weight."""
 
-from __future__ import annotations
-
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The monitor: silent while all is well, and what raises it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

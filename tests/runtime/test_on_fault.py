@@ -1,7 +1,5 @@
 """What is put out in doubt: the correction believed last, and no leap on the way in or out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Measured positions against what is redundant to them: seen, kept in mind, and taken back."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from dataclasses import replace

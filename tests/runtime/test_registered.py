@@ -1,7 +1,5 @@
 """Every registered estimator in the loop: the numbers of the calibration, whatever the stream."""
 
-from __future__ import annotations
-
 import copy
 import fnmatch
 import subprocess

@@ -1,7 +1,5 @@
 """Fault injection: each row of docs/status.md, and streams of anything."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A study of four parts that can be told to go wrong, in a module that other processes find."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

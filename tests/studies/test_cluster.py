@@ -7,6 +7,7 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,13 @@ import pytest
 from truejoint.errors import StudyError
 from truejoint.studies import run_study, runner
 
-distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(not find_spec("distributed"), reason="Dask is not installed")
 
 
 def scheduler(**how):
     """Scheduler and workers that nobody else can reach."""
+    import distributed  # noqa: PLC0415  # half a second, where no test here runs
+
     return distributed.LocalCluster(
         host="127.0.0.1",
         protocol="tcp://",

@@ -1,7 +1,5 @@
 """A model of an arm, and touches of a block on the day of its calibration."""
 
-from __future__ import annotations
-
 import pytest
 from tests.tip.test_touch_calibration import session, without_truth
 from tests.tip.touched_arm import Touched, fitted, touched

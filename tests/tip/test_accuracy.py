@@ -1,7 +1,5 @@
 """The error stated of a tip against the true one, on drawn arms; at length in benchmarks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.drawn_arm import NOISE, DrawnArm, block_session, tracker_session

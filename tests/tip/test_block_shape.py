@@ -1,7 +1,5 @@
 """The block that is printed: closed, asymmetric, in reach, and of the points that it states."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

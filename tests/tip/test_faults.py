@@ -1,7 +1,5 @@
 """Points that fit only if something is wrong with them are refused, and it is named."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.drawn_arm import FAULTS, NOISE, DrawnArm, block_session, tracker_session, way

@@ -1,7 +1,5 @@
 """Plate and pose files: they come back as they were, and what cannot be is refused."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Points of the tool in a frame of unknown pose: the rows, what they tell, and what they cannot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

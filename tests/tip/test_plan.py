@@ -1,7 +1,5 @@
 """What to touch: dimples in reach, those that tell most, and from which sides."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

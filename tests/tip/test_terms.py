@@ -1,7 +1,5 @@
 """Terms of the joints' corrections: taken from calibrations, and what those make one expect."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Touched dimples: where the block stands, the zero that touches give, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

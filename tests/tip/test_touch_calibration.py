@@ -1,7 +1,5 @@
 """Calibration from touches alone: what is seen comes out, what is not is said, the rest refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Joint truth from what a tracker saw: transforms, delay, strays, and what cannot be seen."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A RAVEN-II that touches dimples of a block, of numbers alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -20,7 +20,7 @@ from truejoint.crtk import cartesian, limits
 from truejoint.crtk.handle import Motion, Subscription
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
-from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
+from truejoint.crtk.states import JointState, OperatingState, check_ready, next_state
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, TruejointError, other_kind
 from truejoint.robots import Robot, blocks
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -147,14 +147,13 @@ class Arm:
         # A motion is asked to stop before anything that has to wait for the robot.
         if not (stops and self._ask(motion, command)):
             next_state(self.operating_state(), command)
-        state_command: StateCommand = command  # type: ignore[assignment]  # next_state knows it
         if stops:
-            self._stop(motion, state_command, limit)
+            self._stop(motion, command, limit)
         else:
             self._last_setpoints, self._jump_reported, self._unreported_s = None, "", 0.0
             if command == "home":  # what comes next is no step from here
                 self._latest = self._before = None
-            self._backend.state_command(state_command, limit)
+            self._backend.state_command(command, limit)  # type: ignore[arg-type]  # next_state knows
         if command == "unhome":
             self._latest = self._before = None
 
@@ -522,6 +521,7 @@ class Arm:
         if asked != "hold" and state.state == "ENABLED":
             with suppress(TruejointError):
                 self._backend.state_command(asked, TIMEOUT)  # type: ignore[arg-type]
+                self._stop_command = ""
         after = self._backend.operating_state()
         return motion.stopped("held" if asked == "hold" else after.state, after.t)
 
@@ -534,8 +534,7 @@ class Arm:
             return
         n = max(int(BRAKING * self.rate), 1)
         share = 1.0 - np.arange(1, n + 1) / n
-        rows = start + np.cumsum(share)[:, None] * step
-        rows = np.clip(rows, self.robot.lower, self.robot.upper)
+        rows = np.clip(start + np.cumsum(share)[:, None] * step, self.robot.lower, self.robot.upper)
         self._backend.servo_jp(rows, lambda: True)
         self._backend.flush(BRAKING)
         self._last_setpoints = rows[-1:].repeat(2, axis=0)
@@ -557,8 +556,9 @@ class Arm:
             motion.over.wait(timeout)
         elif motion is None:
             self._brake()
+        is_done = running and not self._stop_command  # somebody may have resumed it since
         target = {"pause": "PAUSED", "disable": "DISABLED"}.get(command)
-        if target is not None and self._backend.operating_state().state != target:
+        if target and not is_done and self._backend.operating_state().state != target:
             self._backend.state_command(command, timeout)  # type: ignore[arg-type]
 
 

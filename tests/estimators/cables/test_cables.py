@@ -1,7 +1,5 @@
 """The physical filter of a wrist: what it finds, states and refuses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.refusals import refused

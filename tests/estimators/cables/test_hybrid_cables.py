@@ -1,7 +1,5 @@
 """The filter of a wrist's cables with plays beside it: what it tells and states."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.refusals import refused

@@ -1,7 +1,5 @@
 """The Gaussian process: its likelihood, its kernel, and what it does far from its rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import check_grad

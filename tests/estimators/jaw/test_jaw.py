@@ -1,7 +1,5 @@
 """The jaw's estimators behind `calibrate`, and what they refuse."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 

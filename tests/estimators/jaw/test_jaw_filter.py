@@ -1,7 +1,5 @@
 """The filter (12)-(25) of yan2020: its model in closed form, and what it makes of a recording."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec

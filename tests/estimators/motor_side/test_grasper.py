@@ -1,7 +1,5 @@
 """The filter on recordings of a real jaw, where they are at hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The filter of an elastic joint with trees: what they see and learn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from unittest.mock import patch
 

@@ -1,7 +1,5 @@
 """The unscented filter of an elastic joint, on joints whose friction and load are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from statistics import NormalDist
 

@@ -1,7 +1,5 @@
 """The compiled model functions against what they stand for."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

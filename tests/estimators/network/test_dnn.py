@@ -1,7 +1,5 @@
 """The network's loss, its gradient and its training against independent computations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The rows of the networks that remember against forward passes computed on their own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

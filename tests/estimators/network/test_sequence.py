@@ -1,8 +1,7 @@
 """Networks that remember: that they are trained as they run."""
 
-from __future__ import annotations
-
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from truejoint.errors import TruejointError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.network.learn import FLOOR, GRU, TCN, step_rows, window_rows, windows
 
-torch = pytest.importorskip("torch", reason="the extra [torch] is not installed")
+pytestmark = pytest.mark.skipif(not find_spec("torch"), reason="the extra [torch] is not installed")
 
 SMALL = GRU(units=5, period=0.005, window=16, epochs=3)
 CONVOLUTION = TCN(layers=3, units=5, period=0.005, window=16, epochs=3)
@@ -34,6 +33,8 @@ def delayed(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 @given(seed=st.integers(0, 1000))
 def test_the_row_is_the_forward_pass_of_torch(small, seed):
     """Of arrays drawn at random, in double precision, over a history of a few windows."""
+    import torch  # noqa: PLC0415  # a second, where no other test of the process needs it
+
     rng = np.random.default_rng(seed)
     shapes = small.family.shapes(small.model_params(), 3, 2)
     arrays = {name: 0.5 * rng.normal(size=shape) for name, shape in shapes.items()}

@@ -1,7 +1,5 @@
 """Joints whose cables pull at each other: their plays, what is found of them and its use."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.refusals import refused

@@ -1,7 +1,5 @@
 """Rich plays: what the model sees, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.refusals import refused

@@ -1,7 +1,5 @@
 """The ridge: its products, penalties chosen on what is left out, rows far off, what is refused."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An estimator on some features, held to the range of its training, alone and in a mean."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

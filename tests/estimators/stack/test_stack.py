@@ -1,7 +1,5 @@
 """Several estimators as one: what it predicts, keeps, runs and refuses."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

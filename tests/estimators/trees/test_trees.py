@@ -1,7 +1,5 @@
 """Trees as arrays: what they predict, and which arrays are no trees."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The page of a calibration by touch says what was rejected and what was not seen."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Fetching from a server on this machine, and finding copies; no network is needed."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import os

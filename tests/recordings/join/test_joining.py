@@ -1,7 +1,5 @@
 """Truth that was recorded on a clock of its own finds its place by the motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A late clock is one time at all speeds, a loop one distance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

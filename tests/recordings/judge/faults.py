@@ -1,7 +1,5 @@
 """Faults that tests put into recordings, and findings by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

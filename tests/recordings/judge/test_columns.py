@@ -1,7 +1,5 @@
 """Single columns: clocks, wraps and jumps, missing truth, sensors that stand still."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

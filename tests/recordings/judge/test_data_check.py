@@ -1,7 +1,5 @@
 """What recordings cover, what their origins say, and rows that a model has not seen."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace

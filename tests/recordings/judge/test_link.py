@@ -1,7 +1,5 @@
 """The doctor tells each illness by its name, from a recording made ill in exactly that way."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

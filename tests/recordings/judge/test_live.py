@@ -1,7 +1,5 @@
 """The doctor of a live link says what it says of a bag of the same messages, and of the link."""
 
-from __future__ import annotations
-
 import re
 from types import SimpleNamespace
 from typing import Any

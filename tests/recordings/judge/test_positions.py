@@ -1,7 +1,5 @@
 """Faults of the truth and of redundant sensors, put into a recording that has none."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

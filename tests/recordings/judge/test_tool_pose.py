@@ -1,7 +1,5 @@
 """The pose that a robot reports of its tool, beside where its joints put it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A map that is written for a file is one that reads it."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

@@ -1,7 +1,5 @@
 """Column maps of the public data sets, on files made up for the tests and on the data itself."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Callable
 from pathlib import Path

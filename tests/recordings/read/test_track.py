@@ -1,7 +1,5 @@
 """Files and topics of points and poses, and readings in which the marker is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

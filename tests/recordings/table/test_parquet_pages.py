@@ -1,7 +1,5 @@
 """A page of Parquet that unpacks to more than its file's metadata says is refused before."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

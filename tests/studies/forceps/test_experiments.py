@@ -199,6 +199,7 @@ def test_shares_count_specimens():
     assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
 
 
+@pytest.mark.usefixtures("briefer")
 def test_a_load_swings_in_no_loop():
     methods = "ukf_compensated,play_gated"
     result = run_study(

@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from truejoint.crtk.messages import DEFINITIONS, SERVICES
 from truejoint.crtk.ros.transport import QUEUE, Publisher, header_of
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 class Ros1:
     """A node of ROS 1; there is one in a process, whose topics each `Ros1` has for itself.
 
-    A master that is started anew is told all topics again: connections that stand outlive it.
+    A master that is started anew is told all topics and services; standing connections outlive it.
     Raises RosError if rospy is not there, or no master answers.
     """
 
@@ -220,24 +220,24 @@ def _no_master() -> str:
 
 
 def _watch(rosgraph: Any, rospy: Any) -> None:
-    """Tell a master that was started anew of this node's topics."""
+    """Tell a new master this node's topics and services (wiki.ros.org/ROS/Slave_API)."""
     master = rosgraph.Master(rospy.get_name())
-    node: Any
     was_gone = False
     while not rospy.core.is_shutdown_requested():
         try:
             try:
                 master.lookupNode(rospy.get_name())
             except rosgraph.MasterError:  # it does not know us
-                # By the interfaces that every node has (wiki.ros.org/ROS/Slave_API).
                 name, uri = rospy.get_name(), rospy.get_node_uri()
-                with xmlrpc.client.ServerProxy(uri) as node:
+                with cast("Any", xmlrpc.client.ServerProxy(uri)) as node:
                     for topic, kind in node.getPublications(name)[2]:
                         master.registerPublisher(topic, kind, uri)
                     for topic, kind in node.getSubscriptions(name)[2]:
                         writers = master.registerSubscriber(topic, kind, uri)
                         node.publisherUpdate("/master", topic, writers)
-                _log.warning("the ROS master was started anew: told it of our topics")
+                for service in rospy.impl.registration.get_service_manager().map.values():
+                    master.registerService(service.resolved_name, service.uri, uri)
+                _log.warning("the ROS master was started anew: told it what we offer")
             was_gone = False
         except OSError:
             if not was_gone:

@@ -1,7 +1,5 @@
 """A session on the simulated RAVEN-II, and bags of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

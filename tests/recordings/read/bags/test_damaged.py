@@ -1,7 +1,5 @@
 """Whatever is done to the bytes of a bag, it is read in part or refused in one line."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import sys

@@ -1,7 +1,5 @@
 """Fields of many messages at once are those that rosbags reads one by one, whatever their sizes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

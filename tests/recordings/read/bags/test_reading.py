@@ -1,7 +1,5 @@
 """Recordings out of bags of every kind: the same numbers, or one line that says what is wrong."""
 
-from __future__ import annotations
-
 import re
 import sys
 import zlib

@@ -1,7 +1,5 @@
 """Bags of the real rosbag, from Debian's ROS 1, and ours in its hands."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path
