@@ -47,11 +47,11 @@ def learn_error_model(
         rest = recording.rows(slice(n, len(recording)))
         residuals.append(rest.columns("truth", trial.joints) - trial.correct(rest))
         steps.append(float(np.median(np.diff(rest.t))))
-    noise = {
-        joint: [_rms([r[:, k] for r in residuals]), _correlation([r[:, k] for r in residuals], dt)]
-        for dt in [float(np.median(steps))]
-        for k, joint in enumerate(trial.joints)
-    }
+    dt, noise = float(np.median(steps)), {}
+    for k, joint in enumerate(trial.joints):
+        parts = [residual[:, k] for residual in residuals]
+        rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        noise[joint] = [rms, _correlation(parts, dt)]
     return calibrate(turned, estimator).with_metadata(truth="reported", noise=noise)
 
 
@@ -64,17 +64,10 @@ def _turned(recording: Recording) -> Recording:
     free = (replace(robot.joint(name), lower=-math.inf, upper=math.inf) for name in joints)
     true = Robot(f"{robot.name}_true", tuple(free), robot.arm)
     columns = {"t": whole.t}
-    for name in joints:
-        columns |= {
-            f"measured/{name}": whole.column(f"truth/{name}"),
-            f"truth/{name}": whole.column(f"measured/{name}"),
-        }
+    for name, other in (("measured", "truth"), ("truth", "measured")):
+        columns |= {f"{name}/{joint}": whole.column(f"{other}/{joint}") for joint in joints}
     origin = replace(whole.provenance, robot=true.name)
     return Recording.from_columns(columns, origin, robot=true)
-
-
-def _rms(residuals: list[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
 
 
 def _correlation(residuals: list[Array], dt: float) -> float:

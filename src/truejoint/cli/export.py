@@ -92,16 +92,14 @@ def _export_error_model(name: str, output: Path, prefix: str | None, *, force: b
     check_target(file, overwrite=force, makes_folder=True)
     with progress("Learning what the robot reports"):
         model = truejoint.calibration.learn_error_model(recording)
-    paths = truejoint.export.export_error_model(model, output, prefix=prefix, overwrite=force)
+    paths = truejoint.export.export_c(model, output, prefix=prefix, overwrite=force)
     truejoint.write_calibration(model, file, overwrite=force)
-    for path in (*paths, file):
-        out.print(str(path), soft_wrap=True)
-    unit = {joint: model.units[f"measured/{joint}"] for joint in model.joints}
+    files = [str(path) for path in (*paths, file)]
+    out.print("\n".join(files), soft_wrap=True)
     for joint, (size, time) in model.metadata["noise"].items():
-        out.print(f"{joint}: noise {with_unit(size, unit[joint])}, correlated over {time:.2g} s")
-    return Result(
-        {"files": [str(path) for path in (*paths, file)], "noise": model.metadata["noise"]}
-    )
+        noise = with_unit(size, model.units[f"measured/{joint}"])
+        out.print(f"{joint}: noise {noise}, correlated over {time:.2g} s")
+    return Result({"files": files, "noise": model.metadata["noise"]})
 
 
 def _write_graph(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,33 +13,22 @@ from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.errors import CalibrationError
 from truejoint.runtime.corrector import Corrector
 
+NOISE: Final = "noise"  # in the metadata of an error model, and of no other calibration
+
+
+def inputs_and_noise(model: Calibration) -> tuple[list[int], Array, Array]:
+    """Give the joints that an error model takes, and sizes and times (n_joints,) of its noise."""
+    names = [signal.partition("/")[2] for signal in model.loop_signals]
+    size, time = np.array([model.metadata[NOISE][joint] for joint in model.joints]).T
+    return [model.joints.index(name) for name in names], size, time
+
 
 class ErrorModel:
     """Reports joint positions as a robot would that is at true ones, step by step, with noise.
 
-    Parameters
-    ----------
-    model : Calibration
-        The one that `truejoint.calibration.learn_error_model` gave.
-    seed : int
-        Seed of the noise.
-    noisy : bool
-        Whether to add what the model could not tell of held-out rows: normal noise of the same size
-        and correlation time for each joint.
-
-    Attributes
-    ----------
-    joints : tuple of str
-        Joints that go in and come out.
-    inputs : list of int
-        Which of them the model takes, in its order.
-    noise_size, noise_time : ndarray, shape (n_joints,)
-        Standard deviations [rad or m] and correlation times [s].
-
-    Raises
-    ------
-    CalibrationError
-        If the model is a correction, and no error model.
+    `model` is what `truejoint.calibration.learn_error_model` gave. The noise, of that `seed`, has
+    the size and the correlation time of what the model could not tell of held-out rows; an error
+    model that is not `noisy` adds none. Raises CalibrationError if `model` is a correction.
 
     Examples
     --------
@@ -48,17 +38,14 @@ class ErrorModel:
     """
 
     def __init__(self, model: Calibration, *, seed: int = 0, noisy: bool = True) -> None:
-        noise = as_calibration(model).metadata.get("noise")
-        if noise is None:
+        if NOISE not in as_calibration(model).metadata:
             raise CalibrationError(
                 f"{model.title} is no error model; make one with learn_error_model(recordings)"
             )
         self.joints = model.joints
-        self.noise_size, self.noise_time = np.array([noise[joint] for joint in model.joints]).T
+        self._inputs, self._size, self._time = inputs_and_noise(model)
         self._corrector = Corrector(model)
         self._corrector.set_homing(True)
-        named = [signal.partition("/")[2] for signal in self._corrector.signals]
-        self.inputs = [self.joints.index(name) for name in named]
         self._rng, self._noisy, self._t = np.random.default_rng(seed), noisy, -math.inf
         self._error, self._noise = np.zeros((2, len(self.joints)))
 
@@ -73,12 +60,11 @@ class ErrorModel:
                 f"true positions of shape {position.shape}; want one for each of "
                 f"{', '.join(self.joints)}"
             )
-        self._corrector.step(t, position[self.inputs])
+        self._corrector.step(t, position[self._inputs])
         if np.isfinite(self._corrector.correction).all():
             self._error = self._corrector.correction.copy()
         if self._noisy:
-            keep = np.exp(-max(t - self._t, 0.0) / self.noise_time)
-            fresh = self.noise_size * self._rng.standard_normal(len(keep))
-            self._noise = keep * self._noise + np.sqrt(1.0 - keep * keep) * fresh
-            self._t = t
+            keep = np.exp(-max(t - self._t, 0.0) / self._time)
+            fresh = self._size * self._rng.standard_normal(len(keep))
+            self._noise, self._t = keep * self._noise + np.sqrt(1.0 - keep * keep) * fresh, t
         return np.asarray(position + self._error + self._noise)

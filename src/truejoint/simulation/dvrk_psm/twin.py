@@ -64,13 +64,7 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True)
 class DvrkPsmParameters(ArmParameters):
-    """Everything that makes the twin of a PSM err; one attribute per section.
-
-    Examples
-    --------
-    >>> DvrkPsmParameters.read().potentiometers.offset[2]
-    0.004
-    """
+    """Everything that makes the twin of a PSM err; one attribute per section."""
 
     SPECIMENS: ClassVar[tuple[str, ...]] = ("nominal",)
     FOLDER: ClassVar[str] = "dvrk_psm"
