@@ -122,7 +122,8 @@ def test_another_robot_needs_a_workspace_of_its_own():
     with pytest.raises(TrajectoryError, match="no calibration workspace is known for kuka_kr300"):
         zigzag(get_robot("kuka_kr300"), "J1")
     joints = psm.joint_names[:3]
-    space = Workspace(joints, np.array([-0.5, -0.4, 0.1]), np.array([0.5, 0.4, 0.2]), np.ones(3))
+    lower, upper = np.array([-0.5, -0.4, 0.1]), np.array([0.5, 0.4, 0.2])
+    space = Workspace(joints, lower, upper, np.full(3, 0.1))
     path = zigzag(psm, "J1-J3", 0.5, workspace=space)
     assert path.joints == joints
     assert path.units == ("rad", "rad", "m")

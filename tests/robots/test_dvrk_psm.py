@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from truejoint.crtk.messages import profile_of
 from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
 
@@ -39,3 +40,13 @@ def test_wrist_is_where_the_recording_says(chain, dataset_folder, motion, kind):
     recorded = np.load(folder / f"pos_{kind}.npy")
     frames = chain.link_frames(np.hstack([joints, np.zeros((len(joints), 1))]))
     np.testing.assert_allclose(frames[:, 4, :3, 3], recorded, atol=1e-9)
+
+
+def test_the_si_arm_has_a_longer_shaft_and_reaches_further():
+    first, si = get_robot("dvrk_psm", "psm1"), get_robot("dvrk_psm_si", "psm1")
+    assert si.joint_names == first.joint_names
+    below = [robot.kinematics.forward([0, 0, 0.1, 0, 0, 0, 0])[2, 3] for robot in (first, si)]
+    assert below[1] - below[0] == pytest.approx(-(0.4670 - 0.4162))
+    assert (si.upper[:3] > first.upper[:3]).all()
+    assert si.lower[:2] == pytest.approx([-2.964, -1.265], abs=1e-4)
+    assert profile_of(si).name == profile_of(first).name == "dvrk"

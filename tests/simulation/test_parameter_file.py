@@ -9,12 +9,13 @@ import pytest
 import truejoint.simulation as package
 from truejoint.errors import TruejointError
 from truejoint.robots.cable_mechanism import Forceps
+from truejoint.simulation.dvrk_psm import DvrkPsmParameters
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.toml_file import MAX_BYTES
 
-KINDS = (ForcepsParameters, Raven2Parameters, WristParameters)
+KINDS = (DvrkPsmParameters, ForcepsParameters, Raven2Parameters, WristParameters)
 SPECIMENS = [(kind, name) for kind in KINDS for name in kind.SPECIMENS]
 VALUES = [
     (kind, section, key, value)
@@ -69,7 +70,7 @@ def test_a_file_states_only_what_differs(tmp_path):
 @pytest.mark.parametrize(("kind", "section", "key", "value"), VALUES)
 def test_every_value_is_checked(kind, section, key, value):
     name, nominal = f"{section}.{key}", kind.read()
-    for bad in (math.nan, math.inf, -1e13, 1e13, "14000", [1.0], [], {}, None):
+    for bad in (math.nan, math.inf, -1e13, 1e13, "14000", [1.0, 1.0], [], {}, None):
         repeated = (bad,) * len(value) if isinstance(value, tuple) else bad
         for changed in (bad, repeated):
             assert name in refused(nominal.with_values, {name: changed})

@@ -10,6 +10,7 @@ from truejoint.errors import CommandRefused, RobotError, TruejointError
 from truejoint.simulation import TwinOutput, make_twin
 
 SIZES = {"raven2": [0.05, 0.05, 5e-3, 0.05, 0.05, 0.05, 0.05], "forceps": [0.3], "wrist": 0.1}
+SIZES["dvrk_psm"] = SIZES["raven2"]
 CUTS = (0, 1, 1, 2, 777, 1400, 1401, 2000)
 
 
@@ -39,7 +40,7 @@ def assert_same(output, other):
         )
 
 
-@pytest.fixture(params=["raven2", "forceps", "wrist"])
+@pytest.fixture(params=["raven2", "dvrk_psm", "forceps", "wrist"])
 def name(request):
     return request.param
 
@@ -57,9 +58,11 @@ def test_every_twin_keeps_the_contract(name, tmp_path):
     assert out.name == robot.channels
     assert out.joint.shape == (200, len(robot.positioning))
     assert out.truth.position.shape[1] == len(out.truth.name) == len(robot.positioning)
+    motors = names if robot.transmission else 0
+    assert out.motor.shape == out.motor_velocity.shape == (200, motors)
     for rows in (out.measured, out.velocity, out.setpoint, out.motor, out.motor_velocity):
-        assert rows.shape == (200, names)
         assert np.isfinite(rows).all()
+    assert out.measured.shape == out.velocity.shape == out.setpoint.shape == (200, names)
     assert out.effort.shape in ((200, names), (200, 0))
     assert {values.shape for values in out.extra.values()} <= {(200,)}
     assert (np.diff(np.concatenate([homed.t, out.t])) > 0.0).all()

@@ -3,6 +3,7 @@ from .choose import Automatic as Automatic
 from .conformal import cross_interval as cross_interval
 from .conformal import with_interval as with_interval
 from .drive_stiffness import identify_stiffness as identify_stiffness
+from .error_model import learn_error_model as learn_error_model
 from .fit import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories

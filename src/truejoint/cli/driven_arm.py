@@ -133,6 +133,7 @@ def _is_moved(device: Arm) -> bool:
     state = device.operating_state()
     if not state.is_ready:
         return state.is_busy
+    device.wait(_LOOK)  # until its set-point has been heard: motors may stand off it
     before = after = device.setpoint_js(SILENCE)
     while after.t - before.t < _LOOK:
         device.wait(_LOOK)

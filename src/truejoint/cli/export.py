@@ -13,11 +13,12 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files
 from truejoint.errors import ExportError
 from truejoint.files import check_folder, check_target
+from truejoint.units import with_unit
 
 
 def export(
     name: str,
-    kind: Literal["c", "onnx", "ros", "bag"],
+    kind: Literal["c", "onnx", "ros", "bag", "simulator"],
     output: Path,
     precision: Literal["double", "float"] = "double",
     prefix: str | None = None,
@@ -31,20 +32,18 @@ def export(
 
     The C source does all that `Corrector` does, with test vectors and a main that checks it; the
     package, for catkin and ament, is a node around it. The ONNX graph holds the regressor alone.
-    With --to bag, write a recording as a ROS bag of CRTK's topics.
+    With --to bag, write a recording as a ROS bag of CRTK's topics; with --to simulator, learn from
+    a recording with truth what the robot reports of true positions, and write that as C99.
     """
     stated = {"level": options.share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
-    if kind == "bag":
-        if how or compensate or prefix is not None or precision != "double":
-            raise ExportError("--to bag takes --profile; leave other options out")
-        check_target(output, overwrite=force)
-        recording = Files().one(name)
-        with progress(f"Writing {output}"):
-            truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
-        topics = ", ".join(truejoint.recordings.bag_topics(output))
-        out.print(f"{output}: {len(recording)} rows as {topics}")
-        return Result({"files": [str(output)]})
+    if kind in ("bag", "simulator"):
+        option, other = ("--profile", prefix) if kind == "bag" else ("--prefix", profile)
+        if how or compensate or other or precision != "double":
+            raise ExportError(f"--to {kind} takes {option}; leave other options out")
+        if kind == "bag":
+            return _export_bag(name, output, profile, force=force)
+        return _export_error_model(name, output, prefix, force=force)
     if profile:
         raise ExportError("--profile is for --to bag; leave it out")
     if compensate and kind != "c":
@@ -70,6 +69,37 @@ def export(
         )
         out.print(f"check it:  {truejoint.export.check_command(paths)}", soft_wrap=True)
     return Result({"files": [str(path) for path in paths]})
+
+
+def _export_bag(name: str, output: Path, profile: str, *, force: bool) -> Result:
+    """Write a recording as a ROS bag."""
+    check_target(output, overwrite=force)
+    recording = Files().one(name)
+    with progress(f"Writing {output}"):
+        truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
+    topics = ", ".join(truejoint.recordings.bag_topics(output))
+    out.print(f"{output}: {len(recording)} rows as {topics}")
+    return Result({"files": [str(output)]})
+
+
+def _export_error_model(name: str, output: Path, prefix: str | None, *, force: bool) -> Result:
+    """Learn an error model of a recording; write its model file and its C source."""
+    check_folder(output, error=ExportError)
+    recording = Files().one(name)
+    robot = recording.robot
+    prefix = prefix or "_".join(filter(None, (f"{robot.name}_true", robot.arm)))
+    file = output / f"{prefix}.safetensors"
+    check_target(file, overwrite=force, makes_folder=True)
+    with progress("Learning what the robot reports"):
+        model = truejoint.calibration.learn_error_model(recording)
+    paths = truejoint.export.export_c(model, output, prefix=prefix, overwrite=force)
+    truejoint.write_calibration(model, file, overwrite=force)
+    files = [str(path) for path in (*paths, file)]
+    out.print("\n".join(files), soft_wrap=True)
+    for joint, (size, time) in model.metadata["noise"].items():
+        noise = with_unit(size, model.units[f"measured/{joint}"])
+        out.print(f"{joint}: noise {noise}, correlated over {time:.2g} s")
+    return Result({"files": files, "noise": model.metadata["noise"]})
 
 
 def _write_graph(

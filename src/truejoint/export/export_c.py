@@ -35,6 +35,7 @@ from truejoint.runtime.correction import (
     correct_sample,
     tell_homing,
 )
+from truejoint.runtime.error_model import NOISE, inputs_and_noise
 from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
@@ -118,7 +119,8 @@ def export_c(
     -------
     tuple of Path
         ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``; of a
-        compensator ``<prefix>_compensator.h`` and ``.c``.
+        compensator ``<prefix>_compensator.h`` and ``.c``; of an error model
+        ``<prefix>_error_model.h``, which does what `ErrorModel` does.
 
     Raises
     ------
@@ -193,6 +195,11 @@ def source_files(
     )  # fmt: skip
     templates = dict(_TEMPLATES)
     context["compensates"] = compensator is not None
+    if NOISE in calibration.metadata:
+        templates["_error_model.h"] = "error_model.h.j2"
+        context |= dict(
+            zip(("inputs", "sizes", "times"), inputs_and_noise(calibration), strict=True)
+        )
     if compensator is not None:
         loop = compensator.around(compensator.corrector).memory
         context |= {

@@ -83,12 +83,15 @@ class SimulatedHand:
         robot, columns = self.arm.robot, self._columns
         seat = self.rotation @ point + self.translation
         seat = seat + self.seat_sd * self._rng.standard_normal(3)
-        goal = joints_at(robot, seat, self.arm.setpoint_js(np.inf).position)
+        pose = self.arm.setpoint_js(np.inf).position.copy()
         speed, haste = np.full(len(columns), 0.02), None
         if robot.workspace is not None:
+            # From the middle, as touches are planned: more than three joints reach in many ways.
+            pose[robot.index(robot.workspace.joints)] = robot.workspace.centre
             speed = robot.workspace.speed
             haste = np.array([min(joint.max_speed, 0.17) for joint in robot.joints])
             haste[columns] = _HASTE * speed  # the tool's as ever
+        goal = joints_at(robot, seat, pose)
         away = np.zeros(len(goal))
         away[columns] = side * AWAY * speed
         for share, cap in ((1.0, haste), (_SHORT, None), *[(0.0, None)] * _LOOKS):

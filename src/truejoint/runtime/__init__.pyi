@@ -5,6 +5,7 @@ from .compensator import loop_margin as loop_margin
 from .compensator import motor_loop as motor_loop
 from .corrector import CorrectionTrace as CorrectionTrace
 from .corrector import Corrector as Corrector
+from .error_model import ErrorModel as ErrorModel
 from .fields import OnFault as OnFault
 from .monitor import Alarm as Alarm
 from .monitor import Monitor as Monitor

@@ -107,7 +107,7 @@ class Corrector(Summarised):
     half_width : ndarray, shape (n_joints,)
         How far off `position` may be [rad or m]; infinite where that is not known.
     correction : ndarray, shape (n_joints,)
-        Position that the model gives for this sample [rad or m], whatever the status; NaN where the
+        Error of the measured position by the model [rad or m], whatever the status; NaN where the
         sample was not used. Without the offset of `rezero`.
     features : ndarray, shape (k,)
         Features of the last sample that was used.

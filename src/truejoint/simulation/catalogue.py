@@ -13,6 +13,7 @@ from truejoint.simulation.twin import Twin
 # Imported when first asked for: each brings the compiler and its kernels.
 _TWINS: Final = {
     "raven2": "truejoint.simulation.raven2.twin:Raven2Twin",
+    "dvrk_psm": "truejoint.simulation.dvrk_psm.twin:DvrkPsmTwin",
     "forceps": "truejoint.simulation.forceps.twin:ForcepsTwin",
     "wrist": "truejoint.simulation.wrist.twin:WristTwin",
 }
@@ -31,8 +32,8 @@ def make_twin(
     Parameters
     ----------
     robot, arm : str
-        As in `truejoint.robots.get_robot`; it is ``raven2``, ``forceps``, ``wrist``, or one of
-        a file that states its cables.
+        As in `truejoint.robots.get_robot`; it is ``raven2``, ``dvrk_psm``, ``forceps``,
+        ``wrist``, or one of a file that states its cables.
     parameters : str or path-like
         A specimen that comes with the package, ``"nominal"``, ``"peng2024"`` of RAVEN-II, ``"A"``
         and ``"B"`` of the forceps, ``"cable_only"`` and ``"endowrist"`` of the wrist, or a TOML

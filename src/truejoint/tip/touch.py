@@ -369,7 +369,7 @@ def zero_by_touch(
             break
     offset = rezeroed.offset - before
     move = _unnoticed_move(fit, pose, touches, offset)
-    loose = zero_prior(pose, np.full(len(offset), np.inf), move)
+    loose = zero_prior(pose, _loose(rows, homing), move)
     sd, origin = fit_rows(rows, loose, start=fit.state).sd[: len(offset)], recording.provenance
     zero = Zero(
         offset, sd, source="touch", file=origin.source, homing_id=origin.homing_id,
@@ -401,12 +401,19 @@ def _fit_bolted(rows: TipRows, pose: BlockPose, touches: Touches, homing: Array)
         accuracy.moved(rows, still, "the block", against),
     )
     try:
-        fit = fit_rows(rows, zero_prior(pose, np.full(len(homing), np.inf)))
+        fit = fit_rows(rows, zero_prior(pose, _loose(rows, homing)))
         trouble = _misfit(fit)
     except CalibrationError as error:
         trouble = str(error)
     accuracy.check_faults(touches.source, rows, still, trials, np.arange(len(rows)), trouble)
     return fit
+
+
+def _loose(rows: TipRows, homing: Array) -> Array:
+    """Deviations (n,) of offsets that only touches tell; a homing's, where the tip hardly moves."""
+    moves = rows.kinematics.jacobian(rows.joint)[:, :3, list(rows.columns)] * homing
+    far = np.sqrt((moves**2).sum(axis=1).mean(axis=0))
+    return np.where(far > rows.point_sd, np.inf, homing)
 
 
 def _has_moved(step: Array, against: str = "") -> str:

@@ -12,9 +12,8 @@ from truejoint.errors import TruejointError
 from truejoint.motion import random_motion
 from truejoint.robots.blocks import QUANTITIES
 from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV, JOINT_ENCODERS, drives, links
+from truejoint.simulation.arm.kernel import gravity_load
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
-from truejoint.simulation.raven2.kernel import gravity_load
-from truejoint.simulation.raven2.plant import gravity_potential
 from truejoint.studies.raven2.sessions import JOINTS, record, zigzags
 from truejoint.studies.raven2.sessions import homed as homed_arm
 
@@ -132,8 +131,7 @@ def gravity_at(twin, joint):
     """Joint efforts [Nm, Nm, N] that hold the links in a pose."""
     out = np.empty(3)
     trig = [np.array([math.cos(a), math.sin(a)]) for a in joint[:2]]
-    potential = gravity_potential(twin.robot, twin.parameters.mass.instrument)
-    gravity_load(potential, 0.0, trig[0], trig[1], joint[2], out)
+    gravity_load(twin._plant.gravity, 0.0, trig[0], trig[1], joint[2], out)
     return out
 
 

@@ -1,4 +1,4 @@
-"""The RAVEN-II twin's equations of motion, compiled: one call advances many milliseconds.
+"""Equations of motion of an arm that cables drive, compiled: a call advances many milliseconds.
 
 Each millisecond runs in this order, as on the robot:
 
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, inlined
 from truejoint.robots.blocks import SETPOINT_DT
-from truejoint.simulation.raven2.parameters import Creep, ExternalEncoders, MotorFriction
+from truejoint.simulation.arm.parameters import Creep, ExternalEncoders, MotorFriction
 
 Words = NDArray[np.uint64]
 
@@ -43,8 +43,9 @@ REGISTERED, WANDER, TOOL_LOAD = 0, 1, 2
 
 
 class Plant(NamedTuple):
-    """Constants of one arm; 3 = positioning joints, 7 = all joints, 4 = tool joints."""
+    """Constants of one arm: n joints on cables that give way, 7 - n that follow their motors."""
 
+    axes: tuple[int, ...]  # (n,) joints on cables that give way; its length is compiled in
     motor_from_joint: Array  # (7, 7) nominal transmission, lower triangular
     joint_from_motor: Array  # (7, 7)
     per_ratio: Array  # (7,) joint motion per motor turn, without coupling
@@ -57,27 +58,27 @@ class Plant(NamedTuple):
     effort_limit: Array  # (7,) Nm at the capstan
     effort_step: Array  # (7,) Nm at the capstan per DAC count
     channel: Integers  # (7,) column of each joint in the robot's state message
-    friction: Array  # (3, 3) joint friction, its share of the load, presliding
-    stiffness: Array  # (3,)
-    scale: Array  # (3,) 1 + scale error
-    anchor: Array  # (3, 2) cable position at the stop: by the motor, by the joint
-    coupling: Array  # (3,) shoulder-elbow, shoulder-insertion, elbow-insertion, real
-    per_arm: Array  # (3,) joint motion per m of cable
-    run_out: Array  # (3, 4) capstan cos, sin, joint cos, sin parts [m]
-    sideways: Array  # (3, 3) m per joint motion, row: cable, column: joint
-    sideways_zero: Array  # (3,) m
-    per_run: Array  # (3,) 1 / (2 * free run) [1/m]
-    stops: Array  # (3, 2) joint positions of the hard stops
+    friction: Array  # (n, 3) joint friction, its share of the load, presliding
+    stiffness: Array  # (n,)
+    scale: Array  # (n,) 1 + scale error
+    anchor: Array  # (n, 2) cable position at the stop: by the motor, by the joint
+    coupling: Array  # (n, n) of the cables, real, lower triangular
+    per_arm: Array  # (n,) joint motion per m of cable
+    run_out: Array  # (n, 4) capstan cos, sin, joint cos, sin parts [m]
+    sideways: Array  # (n, n) m per joint motion, row: cable, column: joint
+    sideways_zero: Array  # (n,) m
+    per_run: Array  # (n,) 1 / (2 * free run) [1/m]
+    stops: Array  # (n, 2) joint positions of the hard stops
     gravity: Array  # (2, 12) potential of the links, and of 1 kg at the tool: see `_gravity`
-    creep: Array  # (3, 2) final, travel
-    truth_step: Array  # (3,) resolution of the external encoders
+    creep: Array  # (n, 2) final, travel
+    truth_step: Array  # (n,) resolution of the external encoders
     motor_friction: MotorFriction
     aging: Creep
-    tool_wander: Array  # (2, 4) standard deviations of the rows WANDER and TOOL_LOAD of the tool
+    tool_wander: Array  # (2, 7 - n) standard deviations of WANDER and TOOL_LOAD
     tool_wander_time: float  # s
     encoders: ExternalEncoders
     truth_period: float  # s, of the external encoders
-    counts: float  # of a motor encoder, per turn
+    counts: Array  # (7,) of a motor encoder, per turn
 
 
 class State(NamedTuple):
@@ -86,20 +87,20 @@ class State(NamedTuple):
     motor: Array  # (7,) rad, motor shafts
     speed: Array  # (7,) rad/s
     bristle: Array  # (7,) motor friction, -1..1
-    joint: Array  # (3,) joint positions
-    before: Array  # (3,) joint positions one step ago
-    drive: Array  # (3,) joint positions without friction, one step ago
-    lag: Array  # (3,) joint friction, -1..1
-    carried: Array  # (3,) load of the cables
+    joint: Array  # (n,) joint positions
+    before: Array  # (n,) joint positions one step ago
+    drive: Array  # (n,) joint positions without friction, one step ago
+    lag: Array  # (n,) joint friction, -1..1
+    carried: Array  # (n,) load of the cables
     encoder_zero: Array  # (7,) rad
     counts: Array  # (7,) encoder counts one step ago
     command: Array  # (7,) motor setpoint one step ago
     integral: Array  # (7,) rad s
-    creep: Array  # (3,)
-    walk: Array  # (3,) wandering of the friction
-    odometer: Array  # (3,) joint travel since the last `age`
-    tool: Array  # (3, 4) of the tool's joints: REGISTERED, WANDER, TOOL_LOAD
-    wave: Array  # (5, 2) cos and sin of the three capstans, of shoulder and of elbow
+    creep: Array  # (n,)
+    walk: Array  # (n,) wandering of the friction
+    odometer: Array  # (n,) joint travel since the last `age`
+    tool: Array  # (3, 7 - n) of the tool's joints: REGISTERED, WANDER, TOOL_LOAD
+    wave: Array  # (n + 2, 2) cos and sin of the capstans, and of the first two joints
     slow: Array  # (N_SLOW,)
     ticks: Integers  # (2,) milliseconds since the start; truth rows written in this call
     random: Words  # (2,) state of the random numbers: of the arm, of the tool
@@ -108,15 +109,15 @@ class State(NamedTuple):
 class Rows(NamedTuple):
     """Where a call writes what the robot reports, by channel of its state message."""
 
-    measured: Array  # (n, 8)
-    velocity: Array  # (n, 8)
-    motor: Array  # (n, 8)
-    motor_velocity: Array  # (n, 8)
-    effort: Array  # (n, 8)
-    setpoint: Array  # (n, 8)
-    joint: Array  # (n, 3)
+    measured: Array  # (k, channels)
+    velocity: Array  # (k, channels)
+    motor: Array  # (k, channels)
+    motor_velocity: Array  # (k, channels)
+    effort: Array  # (k, channels)
+    setpoint: Array  # (k, channels)
+    joint: Array  # (k, n)
     truth_t: Array  # (m,)
-    truth: Array  # (m, 3)
+    truth: Array  # (m, n)
 
 
 @inlined
@@ -143,7 +144,7 @@ def normal(random: Words) -> float:
 def gravity_load(
     potential: Array, load: float, shoulder: Array, elbow: Array, d: float, out: Array
 ) -> None:
-    """Joint efforts (3,) [Nm, Nm, N] that hold the arm against gravity, into `out`.
+    """First three joints' efforts [Nm, Nm, N] that hold the arm against gravity, into `out`.
 
     The height of every mass is linear in (cos, sin) of the shoulder, (1, cos, sin) of the elbow
     and (1, insertion `d`); `potential` (2, 12) holds the 12 coefficients [J] of the links and of
@@ -167,11 +168,12 @@ def gravity_load(
 
 
 @inlined
-def _couple(coupling: Array, cable: Array, joint: Array) -> None:
+def _couple(plant: Plant, cable: Array, joint: Array) -> None:
     """Joint positions of cable positions: what a joint's cable loses to the joints before it."""
-    joint[0] = cable[0]
-    joint[1] = cable[1] - coupling[0] * joint[0]
-    joint[2] = cable[2] - coupling[1] * joint[0] - coupling[2] * joint[1]
+    for k in range(len(plant.axes)):
+        joint[k] = cable[k]
+        for j in range(k):
+            joint[k] -= plant.coupling[k, j] * joint[j]
 
 
 @inlined
@@ -179,10 +181,11 @@ def _path(plant: Plant, state: State, k: int) -> float:
     """Cable position [joint units] that motor `k` has wound, with run-out and wrap."""
     eccentric = plant.run_out[k, 0] * state.wave[k, 0] + plant.run_out[k, 1] * state.wave[k, 1]
     if k < 2:
-        eccentric += plant.run_out[k, 2] * state.wave[3 + k, 0]
-        eccentric += plant.run_out[k, 3] * state.wave[3 + k, 1]
+        after = len(plant.axes) + k
+        eccentric += plant.run_out[k, 2] * state.wave[after, 0]
+        eccentric += plant.run_out[k, 3] * state.wave[after, 1]
     sideways = -plant.sideways_zero[k]
-    for j in range(3):
+    for j in range(len(plant.axes)):
         sideways += plant.sideways[k, j] * state.joint[j]
     longer = eccentric - sideways * sideways * plant.per_run[k]
     wound = plant.scale[k] * (state.motor[k] * plant.per_ratio[k] - plant.anchor[k, 0])
@@ -193,19 +196,20 @@ def _path(plant: Plant, state: State, k: int) -> float:
 @inlined
 def _settle(plant: Plant, state: State, work: Array) -> None:
     """Joint positions and cable loads in balance with gravity, friction and stops."""
+    n = len(plant.axes)
     gravity, cable, free, load = work[0], work[1], work[2], work[3]
-    for k in range(5):
-        angle = state.motor[k] * plant.per_gear[k] if k < 3 else state.joint[k - 3]
+    for k in range(n + 2):
+        angle = state.motor[k] * plant.per_gear[k] if k < n else state.joint[k - n]
         state.wave[k, 0] = np.cos(angle)
         state.wave[k, 1] = np.sin(angle)
     gravity_load(
-        plant.gravity, state.slow[LOAD], state.wave[3], state.wave[4], state.joint[2], gravity
+        plant.gravity, state.slow[LOAD], state.wave[n], state.wave[n + 1], state.joint[2], gravity
     )
-    for k in range(3):
+    for k in range(n):
         cable[k] = _path(plant, state, k)
-    _couple(plant.coupling, cable, free)
+    _couple(plant, cable, free)
     grease = 1.0 + plant.motor_friction.warm_up * (1.0 - state.slow[WARMTH])
-    for k in range(3):
+    for k in range(n):
         limit = plant.friction[k, 0] * grease * (1.0 + state.walk[k])
         limit += plant.friction[k, 1] * abs(gravity[k])
         moved = free[k] - state.drive[k]
@@ -217,11 +221,11 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
         state.lag[k] = min(1.0, max(-1.0, state.lag[k] + slip * moved / soft))
         load[k] = gravity[k] + limit * state.lag[k]
     _carry(plant, state, load)
-    for k in range(3):
+    for k in range(n):
         cable[k] -= state.carried[k] / plant.stiffness[k]
-    _couple(plant.coupling, cable, free)
+    _couple(plant, cable, free)
     pressed = False
-    for k in range(3):
+    for k in range(n):
         inside = min(plant.stops[k, 1], max(plant.stops[k, 0], free[k]))
         if inside != free[k]:
             load[k] += plant.stiffness[k] * (free[k] - inside)
@@ -236,11 +240,11 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
 @inlined
 def _carry(plant: Plant, state: State, load: Array) -> None:
     """Load the cables with what the joints carry: by power, the transpose of the coupling."""
-    state.carried[2] = load[2]
-    state.carried[1] = load[1] - plant.coupling[2] * load[2]
-    state.carried[0] = (
-        load[0] - plant.coupling[0] * state.carried[1] - plant.coupling[1] * state.carried[2]
-    )
+    n = len(plant.axes)
+    for k in range(n - 1, -1, -1):
+        state.carried[k] = load[k]
+        for j in range(k + 1, n):
+            state.carried[k] -= plant.coupling[j, k] * state.carried[j]
 
 
 @inlined
@@ -249,7 +253,7 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
     while state.slow[NEXT_TRUTH] <= t:
         row = state.ticks[TRUTH_ROWS]
         part = 1.0 - (t - state.slow[NEXT_TRUTH]) / DT
-        for k in range(3):
+        for k in range(len(plant.axes)):
             q = state.before[k] + part * (state.joint[k] - state.before[k])
             step = plant.truth_step[k]
             rows.truth[row, k] = plant.stops[k, 0] + step * np.floor(
@@ -265,9 +269,9 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
 @inlined
 def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
     """Motor encoders, and the joint positions and velocities that the robot makes of them."""
-    count = TURN / plant.counts
     for k in range(7):
-        counts = np.floor(state.motor[k] * (plant.counts / TURN))
+        count = TURN / plant.counts[k]
+        counts = np.floor(state.motor[k] * (plant.counts[k] / TURN))
         rows.motor[i, plant.channel[k]] = counts * count - state.encoder_zero[k]
         rows.motor_velocity[i, plant.channel[k]] = (counts - state.counts[k]) * count / DT
         state.counts[k] = counts
@@ -284,15 +288,16 @@ def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
 @inlined
 def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> None:
     """Torque commands of the robot's PD law on the motor angles."""
+    n = len(plant.axes)
     for k in range(7):
         column = plant.channel[k]
         rows.setpoint[i, column] = goal[k]
         wanted = 0.0
         for j in range(k + 1):
             # The tool's motors follow the insertion where it is, not where it should be.
-            target = rows.measured[i, j] if k > 2 and j < 3 else goal[j]
-            if j > 2:
-                target += state.tool[REGISTERED, j - 3] + state.tool[WANDER, j - 3]
+            target = rows.measured[i, j] if j < n <= k else goal[j]
+            if j >= n:
+                target += state.tool[REGISTERED, j - n] + state.tool[WANDER, j - n]
             wanted += plant.motor_from_joint[k, j] * target
         error = wanted - rows.motor[i, column]
         state.integral[k] += error * DT
@@ -315,10 +320,11 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
     """Motor angles one step later: rotor, Dahl friction and the load of the cables."""
     c = plant.motor_friction
     grease = 1.0 + c.warm_up * (1.0 - state.slow[WARMTH])
+    n = len(plant.axes)
     for k in range(7):
         torque = effort[plant.channel[k]] * plant.per_gear[k]
         limit = plant.coulomb[k]
-        if k < 3:
+        if k < n:
             ripple = c.capstan_ripple * state.wave[k, 1] + c.gear_ripple * np.sin(
                 c.gear_ripple_cycles * state.motor[k] * plant.per_gear[k]
             )
@@ -327,7 +333,7 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
             limit += c.gear_loss * abs(load)
             torque -= load
         else:
-            torque -= state.tool[TOOL_LOAD, k - 3] * plant.per_gear[k]
+            torque -= state.tool[TOOL_LOAD, k - n] * plant.per_gear[k]
         torque -= limit * state.bristle[k]
         state.speed[k] = plant.keep[k] * state.speed[k] + plant.push[k] * torque
         bent = plant.bend[k] * state.speed[k]
@@ -340,7 +346,7 @@ def age(plant: Plant, state: State, duration: float) -> None:
     """Age cables and grease by `duration` seconds and by the travel in the odometer."""
     c = plant.motor_friction
     still = True
-    for k in range(3):
+    for k in range(len(plant.axes)):
         final = plant.creep[k, 0] * (1.0 + plant.aging.load_gain * state.slow[LOAD])
         worked = state.odometer[k] / plant.creep[k, 1]
         still = still and worked < STILL
@@ -354,7 +360,7 @@ def age(plant: Plant, state: State, duration: float) -> None:
         state.odometer[k] = 0.0
     keep = np.exp(-duration / plant.tool_wander_time)
     for i in range(2):
-        for k in range(4):
+        for k in range(7 - len(plant.axes)):
             noise = plant.tool_wander[i, k] * np.sqrt(1.0 - keep * keep) * normal(state.random[1:])
             state.tool[1 + i, k] = keep * state.tool[1 + i, k] + noise
     warm = 0.0 if still else 1.0
@@ -365,7 +371,7 @@ def age(plant: Plant, state: State, duration: float) -> None:
 def advance(plant: Plant, state: State, setpoint: Array, rows: Rows) -> None:
     """Run one millisecond per row of `setpoint` (n, 7) and write what the robot reports."""
     state.ticks[TRUTH_ROWS] = 0
-    work = np.zeros((4, 3))
+    work = np.zeros((4, len(plant.axes)))
     for i in range(setpoint.shape[0]):
         _settle(plant, state, work)
         rows.joint[i] = state.joint

@@ -1,0 +1,1 @@
+"""Twins of arms whose joints are driven by cables: what they share."""
