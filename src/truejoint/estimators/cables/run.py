@@ -129,15 +129,8 @@ def cable_prior(parameters: Array) -> tuple[Array, Array]:
 LOADS: Final = "grip", "tip_first", "tip_second"
 """What the row tells beside the joints."""
 
-LAYOUT: Final = at.filter_layout()
-LAYOUT.array("last", "motor angles of the row before [rad]", N)
-LAYOUT.array("played", "the same without what trembles [rad]", N)
-LAYOUT.array("geometry", "what it adds, by term and joint", TERMS, N)
-LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
-LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
-GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
-LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
-LAYOUT.array("tip_second", "torque of its second arm, half-width [Nm]", 2)
+LAYOUT: Final = at.filter_layout().declare(__package__, "filter", N=N, TERMS=TERMS, STATES=STATES)
+GRIP: Final = LAYOUT.at("grip")
 unpack = LAYOUT.unpacker()
 
 

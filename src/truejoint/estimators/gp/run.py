@@ -25,13 +25,7 @@ FARTHEST: Final = 80.0  # square of a distance; beyond it, a bell is 0 within ro
 
 LAYOUT: Final = Layout()
 declare_scaling(LAYOUT)
-LAYOUT.array("inverse_lengths", "of each output and feature", "n_outputs", "n_features")
-LAYOUT.array("points", "of each output, a row for each feature, in lengths", "n_coordinates")
-LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0", "n_weights")
-LAYOUT.array("scaled", "standardised features", "n_features")
-LAYOUT.array("lengths", "features in lengths of one output", "n_features")
-LAYOUT.array("bells", "of each inducing point, filled up to a multiple of 4", "width")
-LAYOUT.array("sums", "of weighted bells, of which the first is used", BLOCK)
+LAYOUT.declare(__package__, "gp", BLOCK=BLOCK)
 unpack = LAYOUT.unpacker()
 
 

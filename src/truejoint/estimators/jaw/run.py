@@ -182,12 +182,8 @@ class ForcepsModel(SimpleNamespace):
 
 LAYOUT: Final = filter_layout()
 declare_error(LAYOUT)
-LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]")
-LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
-LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
-LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
-LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
-LAYOUT.scalar("constant", "added to the angle [rad]")
+LAYOUT.declare(__package__, "filter")
+LAST_MOTOR, LAST_RESET = map(LAYOUT.at, ("motor", "reset"))
 unpack = LAYOUT.unpacker()
 
 
@@ -273,12 +269,7 @@ OBSERVED: Final = 7
 
 LEAST_SQUARES_LAYOUT: Final = Layout()
 declare_error(LEAST_SQUARES_LAYOUT)
-LEAST_SQUARES_LAYOUT.scalar("constant", "of the sum [rad]")
-LEAST_SQUARES_LAYOUT.array("coef", "of each column", OBSERVED)
-LEAST_SQUARES_LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before", 4)
-LEAST_SQUARES_LAYOUT.array(
-    "columns", "of a row: x1 and x2 with derivatives, sign of a speed", OBSERVED
-)
+LEAST_SQUARES_LAYOUT.declare(__package__, "least_squares", OBSERVED=OBSERVED)
 unpack_least_squares = LEAST_SQUARES_LAYOUT.unpacker()
 
 

@@ -39,10 +39,7 @@ ERROR_SHAPES: Final[Mapping[str, Shape]] = {
 
 def declare_error(layout: Layout) -> None:
     """Declare whether the error model is taken off, and what is learnt of it."""
-    layout.integer("compensated", "1: less the error model (25)")
-    layout.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
-    layout.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
-    layout.array("error_range", "within which that is believed [rad]", 2)
+    layout.declare(__package__, "error", COEFFICIENTS=COEFFICIENTS)
 
 
 STANDSTILL: Final = 0.5
