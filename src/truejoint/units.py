@@ -1,7 +1,5 @@
 """SI inside, people's units at the edge: those that files may be in, and those that are shown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Conditions of a test that lie beyond all that a model has learnt from."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product

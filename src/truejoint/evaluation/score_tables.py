@@ -1,7 +1,5 @@
 """Scores as tables of text, in deg and mm, for the page and the terminal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Tidy rows of a study, tables and a figure of them, and the numbers that papers print."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping

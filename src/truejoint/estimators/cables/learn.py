@@ -3,8 +3,6 @@
 There is one with plays that learn what it leaves, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Self

@@ -6,8 +6,6 @@ motor's side reads, against what it should, corrects their deflections and the l
 as friction, slow and lasting as a load.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self

@@ -1,7 +1,5 @@
 """Pieces of interactive figures as plain values: packed arrays, curves, axes, thinning."""
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Defects of single columns: clock, lost rows, missing truth, wraps, sensors that stand still."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Final

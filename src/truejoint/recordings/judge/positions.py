@@ -1,7 +1,5 @@
 """Truth beside what the robot reports: sign, unit, limits, outliers, zeros, delay, redundancy."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence

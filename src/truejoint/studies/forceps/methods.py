@@ -1,7 +1,5 @@
 """The estimators that the studies of the forceps compare, calibrated and judged as any other."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Tables 2 and 3, figures 6, 7 and 9 of yan2020: the jaw without a load, and under weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

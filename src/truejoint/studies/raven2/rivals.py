@@ -1,7 +1,5 @@
 """II-K, Tables III to V of peng2024: joints and tool beside what others reached, and times."""
 
-from __future__ import annotations
-
 import time
 import timeit
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Tables and figures of RMSE by condition, joint and method, beside what peng2024 prints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import wraps
 from itertools import product
