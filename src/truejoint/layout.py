@@ -25,6 +25,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
+from itertools import chain
 from typing import Any, Final, Literal, NoReturn, Self
 
 import numpy as np
@@ -79,14 +80,15 @@ class Layout:
         self.fields: dict[str, Field] = {}
         self._sizes = [0, 0]  # of the numbers, and of the scalars
 
-    def declare(self, package: str, table: str, **lengths: int) -> Self:
-        """Declare the fields of a table of a package's ``layout.toml``, in its order.
+    def declare(self, package: str, *tables: str, **lengths: int) -> Self:
+        """Declare the fields of tables of a package's ``layout.toml``, in their order.
 
         A row is a kind, a meaning and, of an array, the lengths: numbers, names of integers, or
         those that `lengths` says. A ``"time"`` or ``"times"`` is a scalar or an array of stamps.
         """
         times: dict[str, Kind] = {"time": "scalar", "times": "array"}
-        for name, (kind, meaning, *shape) in _rows(package)[table].items():
+        rows = chain.from_iterable(_rows(package)[table].items() for table in tables)
+        for name, (kind, meaning, *shape) in rows:
             sizes = tuple(lengths.get(length, length) for length in shape)
             self._add(name, meaning, times.get(kind, kind), sizes, is_time=kind in times)
         return self

@@ -56,13 +56,6 @@ _LABELS: Final = {
     "command": "command line",
 }
 
-_COLUMNS: Final = {
-    "RMSE": "rmse", "spread": "spread", "largest": "max_abs", "mean": "mean",
-    "RMSE inside": "rmse_inside", "RMSE outside": "rmse_outside",
-    "RMSE x": "x", "RMSE y": "y", "RMSE z": "z",
-}  # fmt: skip
-"""Columns of scores by title; one without a number is left out."""
-
 
 def main_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """RMSE, spread, largest error and percentage of each estimator, by joint and of the tool."""
@@ -288,24 +281,6 @@ def _text(key: str, value: Any) -> str:
         plain = f"{value:,}" if isinstance(value, int) else f"{value:.6g}"
         return duration(float(value)) if key == "duration" else plain
     return str(value)
-
-
-def all_scores(evaluation: Evaluation) -> Iterator[tuple[str, DataFrame]]:
-    """Give a table per joint, then that of the tool where its position is known, by name.
-
-    Digits are sensible ones, and the same for all cells of one unit; a column without a number is
-    left out.
-    """
-    for name, unit, scores in evaluation.shown_scores():
-        fix = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
-        text = {"estimator": scores["estimator"].map(estimator_title)} | {
-            f"{title} [{unit.name}]": (unit.scale * scores[column]).map(fix)
-            for title, column in _COLUMNS.items()
-            if scores[column].notna().any()
-        }
-        percent = scores["percent_of_offset"].map(partial(fixed, decimals=0))
-        text["percent of fixed offset"] = percent
-        yield name, DataFrame(text | {"seeds": scores["seeds"].map(str)})
 
 
 def score_table(evaluation: Evaluation) -> rich_table.Table:

@@ -15,13 +15,13 @@ from truejoint.compiled import compiled
 from truejoint.estimators.family import Family, Shape, only_joint
 from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
 from truejoint.estimators.jaw.signals import (
+    COEFFICIENTS,
     DRIVE,
     ERROR_SHAPES,
     MECHANISM_RULES,
     MOTOR,
     RESET,
     bounded_error,
-    declare_error,
 )
 from truejoint.estimators.rules import POSITIVE, Params, one_of
 from truejoint.filters import ScaledSigmaPoints, StateSpaceModel, UnscentedFilter
@@ -180,9 +180,7 @@ class ForcepsModel(SimpleNamespace):
         )
 
 
-LAYOUT: Final = filter_layout()
-declare_error(LAYOUT)
-LAYOUT.declare(__package__, "filter")
+LAYOUT: Final = filter_layout().declare(__package__, "error", "filter", COEFFICIENTS=COEFFICIENTS)
 LAST_MOTOR, LAST_RESET = map(LAYOUT.at, ("motor", "reset"))
 unpack = LAYOUT.unpacker()
 
@@ -267,9 +265,9 @@ FAMILY: Final = Family(
 OBSERVED: Final = 7
 """Columns of the observation matrix (29)."""
 
-LEAST_SQUARES_LAYOUT: Final = Layout()
-declare_error(LEAST_SQUARES_LAYOUT)
-LEAST_SQUARES_LAYOUT.declare(__package__, "least_squares", OBSERVED=OBSERVED)
+LEAST_SQUARES_LAYOUT: Final = Layout().declare(
+    __package__, "error", "least_squares", COEFFICIENTS=COEFFICIENTS, OBSERVED=OBSERVED
+)
 unpack_least_squares = LEAST_SQUARES_LAYOUT.unpacker()
 
 

@@ -11,7 +11,6 @@ from truejoint.compiled import compiled
 from truejoint.estimators.family import Shape
 from truejoint.estimators.rules import LARGEST, POSITIVE, Rule, number
 from truejoint.features.feature_set import play
-from truejoint.layout import Layout
 
 MOTOR: Final = "motor/jaw"
 DRIVE: Final = "cable/drive"
@@ -35,11 +34,6 @@ ERROR_SHAPES: Final[Mapping[str, Shape]] = {
     "error_range": (2,),
 }
 """What is learnt of (25), and how far it may go."""
-
-
-def declare_error(layout: Layout) -> None:
-    """Declare whether the error model is taken off, and what is learnt of it."""
-    layout.declare(__package__, "error", COEFFICIENTS=COEFFICIENTS)
 
 
 STANDSTILL: Final = 0.5

@@ -2,6 +2,8 @@
 
 Slider, cables and jaw hold friction that depends on which way they last moved. A few elastoplastic
 elements, each a bristle that bends with the reset cable's motion until it slides, stand for it.
+What the motor's side reads, against what it should, corrects their deflections and the load: fast
+and small as friction, slow and lasting as a load.
 
 A load stretches the drive cable beyond what it is stretched unloaded, which is the filter's last
 state. A rope's strands bed in as it is pulled, so its stiffness grows with its tension ``T``:

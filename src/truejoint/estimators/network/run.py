@@ -40,14 +40,7 @@ TRAINING: Final[Mapping[str, Rule]] = {
 """Rules of what every network that remembers is trained by."""
 
 
-def declare_scaling(layout: Layout) -> None:
-    """Declare the arrays by which features and targets are standardised."""
-    layout.declare(__package__, "scaling")
-
-
-LAYOUT: Final = Layout()
-declare_scaling(LAYOUT)
-LAYOUT.declare(__package__, "network")
+LAYOUT: Final = Layout().declare(__package__, "scaling", "network")
 unpack = LAYOUT.unpacker()
 
 
@@ -136,9 +129,7 @@ FAMILY: Final = Family(
     row=network_row,
 )
 
-GRU_LAYOUT: Final = Layout()
-declare_scaling(GRU_LAYOUT)
-GRU_LAYOUT.declare(__package__, "gru")
+GRU_LAYOUT: Final = Layout().declare(__package__, "scaling", "gru")
 GRU_ELAPSED: Final = GRU_LAYOUT.at("elapsed")
 unpack_gru = GRU_LAYOUT.unpacker()
 
@@ -230,9 +221,7 @@ GRU: Final = Family(
     counts_samples=True,
 )
 
-TCN_LAYOUT: Final = Layout()
-declare_scaling(TCN_LAYOUT)
-TCN_LAYOUT.declare(__package__, "tcn")
+TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "tcn")
 TCN_ELAPSED, COUNT = map(TCN_LAYOUT.at, ("elapsed", "count"))
 unpack_tcn = TCN_LAYOUT.unpacker()
 
