@@ -66,11 +66,6 @@ def share_text(share: float) -> str:
     return f"{percent:.{1 if near else 0}f} %"
 
 
-def plural(count: int, word: str) -> str:
-    """Write a number and its noun, such as ``"2 recordings"``."""
-    return f"{count} {word}{'s' if count != 1 else ''}"
-
-
 def spread_text(value: float, decimals: int) -> str:
     """Spread with the decimals of its value, or what it is smaller than; empty for NaN."""
     if not math.isfinite(value):

@@ -63,6 +63,11 @@ def display_unit(unit: str) -> DisplayUnit:
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
 
 
+def plural(count: int, word: str) -> str:
+    """Write a number and its noun, such as ``"2 recordings"``."""
+    return f"{count} {word}{'s' if count != 1 else ''}"
+
+
 def with_unit(value: float, unit: str) -> str:
     """Write an SI value for a person: three decimals in the unit of `display_unit`, "-" for NaN.
 

@@ -14,8 +14,7 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck, Files, say_failed
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
-from truejoint.tables import plural
-from truejoint.units import SI_UNITS
+from truejoint.units import SI_UNITS, plural
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,7 +15,7 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, say_dropped
 from truejoint.errors import RecordingError, printable
 from truejoint.files import check_ending, check_target, write_atomically
-from truejoint.tables import plural
+from truejoint.units import plural
 
 _MANY: Final = 0.05  # stray readings, as a share of all
 

@@ -16,8 +16,7 @@ from truejoint.cli.console import err, progress, say
 from truejoint.errors import RecordingError, unknown
 from truejoint.files import check_target
 from truejoint.recordings.judge.finding import FINDINGS
-from truejoint.tables import plural
-from truejoint.units import display_unit
+from truejoint.units import display_unit, plural
 
 Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 

@@ -10,7 +10,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.recordings.judge.finding import Defect, Level
 from truejoint.recordings.table.recording import Recording, runs
 from truejoint.recordings.table.stream import GAP_STEPS, gaps
-from truejoint.tables import plural
+from truejoint.units import plural
 
 _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
 _OFTEN: Final = 3  # times that it does so by half of that, which tell as much

@@ -26,8 +26,7 @@ from truejoint.recordings.judge.finding import Defect, Finding, Level, Rows, one
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction
 from truejoint.robots import Joint
-from truejoint.tables import plural
-from truejoint.units import display_unit, shown
+from truejoint.units import display_unit, plural, shown
 
 Marked = tuple[Defect, Recording]
 
