@@ -1,8 +1,10 @@
 """Scores as tables of text, in deg and mm, for the page and the terminal."""
 
 import math
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
@@ -35,26 +37,7 @@ from truejoint.tables import (
 )
 from truejoint.units import display_unit
 
-_LABELS: Final = {
-    "accepted": "data checks that failed and were accepted",
-    "created": "made",
-    "sha256": "SHA-256",
-    "rows": "rows trained on",
-    "sessions": "Recordings trained on",
-    "tried": "Estimators tried",
-    "interval_sessions": "Recordings that made the interval",
-    "homing_id": "homing",
-    "homing_ids": "homings",
-    "load": "load [kg]",
-    "start": "start [s]",
-    "first": "first row [s]",
-    "last": "last row [s]",
-    "data_sha256": "SHA-256 of the training data",
-    "sample_dt": "time between rows [s]",
-    "fit_seconds": "time of the fit [s]",
-    "random_state": "seed",
-    "command": "command line",
-}
+_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 
 
 def main_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
@@ -265,7 +248,7 @@ def origin(
 
 
 def _label(key: str) -> str:
-    return _LABELS.get(key, key.replace("_", " "))
+    return str(_WORDS["labels"].get(key, key.replace("_", " ")))
 
 
 def _text(key: str, value: Any) -> str:
