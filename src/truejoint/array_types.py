@@ -1,7 +1,5 @@
 """Types of numpy arrays, by their short names, and numbers of others as one."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

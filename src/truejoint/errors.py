@@ -1,7 +1,5 @@
 """Errors for inputs that break a rule: one line that a user can act on."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches

@@ -1,11 +1,11 @@
 """Named fields of the two flat arrays that a compiled kernel works on.
 
 A kernel keeps integers in `numbers` and everything else in `memory`. Passing two arrays keeps a
-call from Python near a microsecond, and a C structure can mirror the fields by name. A module
-declares its fields once, with a `Layout`. A kernel begins with ``m = unpack(numbers, memory)``, of
-``unpack = LAYOUT.unpacker()``, and reads ``m.mean``: views of the arrays that have a shape, and
-numbers as they were then. What a kernel changes, and parts, it reaches by the index that a
-declaration gives:
+call from Python near a microsecond, and a C structure can mirror the fields by name. Fields are
+declared once, in a package's ``layout.toml``, for a `Layout`. A kernel begins with
+``m = unpack(numbers, memory)``, of ``unpack = LAYOUT.unpacker()``, and reads ``m.mean``: views of
+the arrays that have a shape, and numbers as they were then. What a kernel changes, and parts, it
+reaches by the index that a declaration, or `Layout.at`, gives:
 
 ====================  ===========================================================
 declared by           reached by
@@ -20,9 +20,13 @@ declared by           reached by
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal, NoReturn
+from functools import cache
+from importlib import resources
+from itertools import chain
+from typing import Any, Final, Literal, NoReturn, Self
 
 import numpy as np
 
@@ -54,6 +58,11 @@ class Field:
     shape: Shape = ()  # of an array that `Layout.unpacker` knows: names of integers, or numbers
 
 
+@cache
+def _rows(package: str) -> dict[str, dict[str, Any]]:
+    return tomllib.loads(resources.files(package).joinpath("layout.toml").read_text("utf-8"))
+
+
 class Layout:
     """Fields in the order of their declaration.
 
@@ -70,6 +79,23 @@ class Layout:
     def __init__(self) -> None:
         self.fields: dict[str, Field] = {}
         self._sizes = [0, 0]  # of the numbers, and of the scalars
+
+    def declare(self, package: str, *tables: str, **lengths: int) -> Self:
+        """Declare the fields of tables of a package's ``layout.toml``, in their order.
+
+        A row is a kind, a meaning and, of an array, the lengths: numbers, names of integers, or
+        those that `lengths` says. A ``"time"`` or ``"times"`` is a scalar or an array of stamps.
+        """
+        times: dict[str, Kind] = {"time": "scalar", "times": "array"}
+        rows = chain.from_iterable(_rows(package)[table].items() for table in tables)
+        for name, (kind, meaning, *shape) in rows:
+            sizes = tuple(lengths.get(length, length) for length in shape)
+            self._add(name, meaning, times.get(kind, kind), sizes, is_time=kind in times)
+        return self
+
+    def at(self, name: str) -> int:
+        """Index of a field, for kernels."""
+        return Index(self.fields[name].index)
 
     def integer(self, name: str, meaning: str) -> int:
         """Declare one integer."""

@@ -1,7 +1,5 @@
 """One thread of linear algebra: problems of a few thousand rows are too small to be shared."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import AbstractContextManager
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """TOML files of others, read within bounds."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any, Final

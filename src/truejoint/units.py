@@ -1,7 +1,5 @@
 """SI inside, people's units at the edge: those that files may be in, and those that are shown."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -63,6 +61,11 @@ def display_unit(unit: str) -> DisplayUnit:
     DisplayUnit(name='mm', scale=1000.0)
     """
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
+
+
+def plural(count: int, word: str) -> str:
+    """Write a number and its noun, such as ``"2 recordings"``."""
+    return f"{count} {word}{'s' if count != 1 else ''}"
 
 
 def with_unit(value: float, unit: str) -> str:

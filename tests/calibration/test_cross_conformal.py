@@ -20,7 +20,7 @@ from truejoint.recordings import Recording
 def unknowing(recordings: list[Recording]) -> list[list[Calibration]]:
     """Linear fits, for each recording those without it."""
     found = [[] for _ in recordings]
-    for fold in folds.without_levels(recordings, folds.conditions(recordings)):
+    for fold in folds.without_levels(recordings, folds.levels_by_quantity(recordings)):
         left = {part.recording for part in fold.parts}
         fit = calibrate([one for i, one in enumerate(recordings) if i not in left], "linear")
         for i in left:
@@ -225,7 +225,7 @@ def test_a_level_never_seen_is_covered_as_theory_says_and_not_by_shuffled_folds(
     parts, load_of = folds.wholes(recordings), np.arange(30) % 10
     shuffled = (load_of + np.arange(30) // 10) % 5  # no fold has all recordings of a load
     plans = [
-        folds.without_levels(recordings, folds.conditions(recordings)),
+        folds.without_levels(recordings, folds.levels_by_quantity(recordings)),
         [folds.Fold("", tuple(parts[i] for i in np.flatnonzero(shuffled == k))) for k in range(5)],
     ]
     rng = np.random.default_rng(0)

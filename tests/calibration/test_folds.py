@@ -141,7 +141,7 @@ def crossed(speeds, loads) -> list[Recording]:
 
 def test_a_fit_does_without_the_level_of_what_it_is_judged_on():
     recordings = crossed([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
-    kinds = folds.conditions(recordings)
+    kinds = folds.levels_by_quantity(recordings)
     assert [len(groups) for groups in kinds] == [4, 6]
     left_out = [{p.recording for p in f.parts} for f in folds.without_levels(recordings, kinds)]
     assert len(left_out) == 5
@@ -161,15 +161,15 @@ def test_a_fit_does_without_the_level_of_what_it_is_judged_on():
 
 
 def test_what_comes_in_no_levels_is_cut_into_runs_and_what_hardly_differs_is_no_condition():
-    assert folds.conditions([jaw(1.0 + 0.002 * k) for k in range(16)]) == []
+    assert folds.levels_by_quantity([jaw(1.0 + 0.002 * k) for k in range(16)]) == []
     order = np.random.default_rng(1).permutation(16)
-    (speeds,) = folds.conditions([jaw(2.0 + 0.1 * k, n=900) for k in order])
+    (speeds,) = folds.levels_by_quantity([jaw(2.0 + 0.1 * k, n=900) for k in order])
     assert [order[own].tolist() for own in speeds] == [[k, k + 1] for k in range(0, 16, 2)]
 
 
 def test_speeds_and_efforts_that_hardly_differ_are_no_condition_in_levels_either():
     recordings = [jaw(2.0, 1.0 + 0.02 * (k % 3) + 1e-4 * k, n=900) for k in range(12)]
-    assert folds.conditions(recordings) == []
+    assert folds.levels_by_quantity(recordings) == []
 
 
 def test_of_three_conditions_no_fit_knows_the_ends_alone():
@@ -188,7 +188,7 @@ def test_of_three_conditions_no_fit_knows_the_ends_alone():
 
 def test_a_stated_mass_is_a_condition_and_one_that_parts_alike_is_none():
     recordings = [jaw(1.0, 1.0 + k % 3, load=0.1 * (k % 3)) for k in range(12)]
-    (loads,) = folds.conditions(recordings)
+    (loads,) = folds.levels_by_quantity(recordings)
     assert [own.tolist() for own in loads] == [[0, 3, 6, 9], [1, 4, 7, 10], [2, 5, 8, 11]]
     nameless = [jaw(load=0.1 * (k % 3)) for k in range(11)] + [jaw()]
-    assert folds.conditions(nameless) == []
+    assert folds.levels_by_quantity(nameless) == []

@@ -4,8 +4,7 @@ import pytest
 from rich.console import Console
 
 from truejoint.evaluation import evaluate, score_table
-from truejoint.evaluation.results import TOOL
-from truejoint.evaluation.score_tables import all_scores
+from truejoint.evaluation.results import TOOL, all_scores
 from truejoint.tables import shown
 from truejoint.units import display_unit
 

@@ -328,4 +328,4 @@ def _plans(
     units = [[parts[i] for i in group] for group in groups]
     if len(units) < len(parts):  # several recordings of a homing
         return units, 0, [(folds.dealt(units, ""), 0)]
-    return units, 0, [(folds.without_levels(recordings, folds.conditions(recordings)), 0)]
+    return units, 0, [(folds.without_levels(recordings, folds.levels_by_quantity(recordings)), 0)]

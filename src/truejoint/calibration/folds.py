@@ -28,7 +28,7 @@ _LEAST_ROWS: Final = 10  # of a part
 _LEAST_LEFT: Final = 0.2  # of the time in all, that a fit sees beside a recording left out whole
 _DIFFERENT: Final = 0.1  # logarithm of the largest speed or effort over the least
 _RUNS: Final = 8  # of speeds or efforts that come in no levels
-_EACH: Final = 2  # folds that a condition is left out in, at least, where it has so many levels
+_EACH: Final = 2  # folds that a quantity is left out in, at least, where it has so many levels
 
 
 @dataclass(frozen=True)
@@ -181,12 +181,12 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     return left_out
 
 
-def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
-    """Places of the recordings of each level, from the least to the largest, of each condition.
+def levels_by_quantity(recordings: Sequence[Recording]) -> list[list[Integers]]:
+    """Places of the recordings of each level, from the least to the largest, of each quantity.
 
-    Conditions are speed and the size of efforts, where these differ by a tenth or more, and a
+    Quantities are speed and the size of efforts, where these differ by a tenth or more, and a
     stated mass; levels are as `truejoint.estimators.polynomial.learn.levels` finds them, or eight
-    runs of as many speeds or efforts. A condition that parts the recordings as another is none.
+    runs of as many speeds or efforts. One that parts the recordings as another is none.
     """
     loads = np.array([recording.provenance.load for recording in recordings])
     by_groups: dict[frozenset[frozenset[int]], list[Integers]] = {}
@@ -205,11 +205,11 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
 def without_levels(
     recordings: Sequence[Recording], kinds: Sequence[Sequence[Integers]]
 ) -> list[Fold]:
-    """Leave out in turn the levels between others of each kind, as `conditions` gives them.
+    """Leave out in turn the levels between others of each kind, as `levels_by_quantity` gives.
 
-    Five folds, or six where all three conditions have levels, so that no fit knows the ends of one
+    Five folds, or six where all three quantities have levels, so that no fit knows the ends of one
     alone. A recording is so judged by a fit to which its level is new; one that lies between others
-    in two conditions is left out twice. The least and the largest levels, which no fit knows
+    in two of them is left out twice. The least and the largest levels, which no fit knows
     anything beyond, are left out a recording at a time, each with the smallest fold.
     """
     left_out, most = list[set[int]](), max(FOLDS, _EACH * len(kinds))

@@ -144,11 +144,6 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     out.print(table)
 
 
-def plural(count: int, word: str) -> str:
-    """Write a number and its noun, such as ``"2 recordings"``."""
-    return f"{count} {word}{'s' if count != 1 else ''}"
-
-
 def say(message: str) -> None:
     """Tell the person what is going on; never part of the result."""
     err.print(one_line(message))

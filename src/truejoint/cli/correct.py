@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import plural, print_table, progress, say
+from truejoint.cli.console import print_table, progress, say
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck, Files, say_failed
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
-from truejoint.units import SI_UNITS
+from truejoint.units import SI_UNITS, plural
 
 if TYPE_CHECKING:
     import pandas as pd

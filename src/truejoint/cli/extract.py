@@ -10,11 +10,12 @@ from typing import Any, Final
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import command_line, out, plural, progress, say
+from truejoint.cli.console import command_line, out, progress, say
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, say_dropped
 from truejoint.errors import RecordingError, printable
 from truejoint.files import check_ending, check_target, write_atomically
+from truejoint.units import plural
 
 _MANY: Final = 0.05  # stray readings, as a share of all
 

@@ -12,11 +12,11 @@ from typing import Any, Final, TypeAlias
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import err, plural, progress, say
+from truejoint.cli.console import err, progress, say
 from truejoint.errors import RecordingError, unknown
 from truejoint.files import check_target
 from truejoint.recordings.judge.finding import FINDINGS
-from truejoint.units import display_unit
+from truejoint.units import display_unit, plural
 
 Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 

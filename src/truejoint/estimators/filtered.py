@@ -42,22 +42,7 @@ FAULTS: Final = int(
 
 def filter_layout() -> Layout:
     """Begin the layout of an estimator with a filter."""
-    layout = Layout()
-    layout.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-    layout.scalar("beside_deviations", "that half-widths of what stands beside are; 0: none")
-    layout.scalar("started", "whether there is a row before; 0: start anew")
-    layout.integer("beside", "where the first quantity beside the outputs is")
-    layout.array("sighted", "what the model on top sees", "n_sighted")
-    layout.array("added", "by it to outputs, then to quantities beside", "n_added")
-    layout.array("width", "of these, which is not used", "n_added")
-    layout.address("take_inputs", "fills measurement and inputs of the filter")
-    layout.address("tell", "fills what is told of its state")
-    layout.address("sight", "fills what the model sees; 0 where there is none")
-    layout.address("model_row", "prediction of the model; 0 where there is none")
-    layout.part("filter", "whose state tells the rest")
-    layout.part("signals", "what the model sees of them beside the filter")
-    layout.part("model", "of what the filter leaves")
-    return layout
+    return Layout().declare(__package__, "filtered")
 
 
 _LAYOUT: Final = filter_layout()

@@ -1,7 +1,5 @@
 """Rules of an estimator's parameters, each a test and the same in words."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final

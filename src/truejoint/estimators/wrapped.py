@@ -1,7 +1,5 @@
 """Any regressor as an estimator of joints: by name, or with scikit-learn's `fit` and `predict`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
 """Conditions of a test that lie beyond all that a model has learnt from."""
 
-from __future__ import annotations
-
 import math
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
 from itertools import product
 from typing import Any, Final, cast
 
@@ -17,16 +17,9 @@ _FACTOR: Final = 1.25  # beyond the least and the largest that were learnt, of w
 _SHIFT: Final = 0.25  # of the shortest range that was learnt, beyond the middles that were learnt
 _SLOPE: Final = 0.02  # beyond the slopes that were learnt
 _NAMED: Final = 3  # recordings
-_WORDS: Final = {  # for less and for more than was learnt
-    "speed": ("moves slower", "moves faster"),
-    "range": ("moves less far", "moves further"),
-    "middle": ("moves about a lower position", "moves about a higher position"),
-    "effort": ("has smaller efforts", "has larger efforts"),
-    "slope": (
-        "has a smaller slope of truth over measured",
-        "has a larger slope of truth over measured",
-    ),
-}
+_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))[
+    "beyond"
+]
 
 
 def unlike(

@@ -5,8 +5,6 @@ Neighbouring samples of a motion are almost copies of each other: a split that s
 the copies on both sides and measures memory rather than accuracy.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """How often the truth of the test lay within the interval that the calibration states."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final

@@ -4,8 +4,6 @@ Rows of a motion resemble their neighbours, so they are no independent trials: s
 they are longer than the difference of the two models keeps its memory.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

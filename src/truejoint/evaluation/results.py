@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
+from functools import partial
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -21,6 +21,7 @@ from truejoint.errors import CalibrationError, other_kind, unknown
 from truejoint.estimators import registry
 from truejoint.files import check_ending, write_atomically
 from truejoint.summary import Summarised, json_values
+from truejoint.tables import decimals_for, fixed
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
 if TYPE_CHECKING:
@@ -42,6 +43,12 @@ TOOL: Final = "tool position"
 AXES: Final = ("tool x", "tool y", "tool z")
 """Stand for joints in errors of the tool along each axis of the base frame."""
 
+_COLUMNS: Final = {
+    "RMSE": "rmse", "spread": "spread", "largest": "max_abs", "mean": "mean",
+    "RMSE inside": "rmse_inside", "RMSE outside": "rmse_outside",
+    "RMSE x": "x", "RMSE y": "y", "RMSE z": "z",
+}  # fmt: skip
+"""Columns of scores by title; one without a number is left out."""
 # Attributes of an evaluation that its JSON has not, or has by another name.
 _LEFT_OUT: Final = (
     "title", "errors", "rows", "recording_scores", "interval_level", "effort_units",
@@ -332,8 +339,8 @@ class Evaluation(Summarised):
         return self.scores.copy()
 
     def _repr_html_(self) -> str:
-        tables = import_module("truejoint.evaluation.score_tables").all_scores(self)
-        scores: DataFrame = concat(dict(tables)).droplevel(1).rename_axis("joint").reset_index()
+        scores: DataFrame = concat(dict(all_scores(self))).droplevel(1)
+        scores = scores.rename_axis("joint").reset_index()
         return super()._repr_html_() + scores.to_html(index=False, na_rep="", border=0)
 
     def plot(self) -> Any:
@@ -390,3 +397,21 @@ def as_evaluation(value: object) -> Evaluation:
     if isinstance(value, Evaluation):
         return value
     raise CalibrationError(other_kind(value, "Evaluation", "give what `evaluate` gives"))
+
+
+def all_scores(evaluation: Evaluation) -> Iterator[tuple[str, DataFrame]]:
+    """Give a table per joint, then that of the tool where its position is known, by name.
+
+    Digits are sensible ones, and the same for all cells of one unit; a column without a number is
+    left out.
+    """
+    for name, unit, scores in evaluation.shown_scores():
+        fix = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
+        text = {"estimator": scores["estimator"].map(estimator_title)} | {
+            f"{title} [{unit.name}]": (unit.scale * scores[column]).map(fix)
+            for title, column in _COLUMNS.items()
+            if scores[column].notna().any()
+        }
+        percent = scores["percent_of_offset"].map(partial(fixed, decimals=0))
+        text["percent of fixed offset"] = percent
+        yield name, DataFrame(text | {"seeds": scores["seeds"].map(str)})

@@ -1,10 +1,10 @@
 """Scores as tables of text, in deg and mm, for the page and the terminal."""
 
-from __future__ import annotations
-
 import math
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
@@ -37,33 +37,7 @@ from truejoint.tables import (
 )
 from truejoint.units import display_unit
 
-_LABELS: Final = {
-    "accepted": "data checks that failed and were accepted",
-    "created": "made",
-    "sha256": "SHA-256",
-    "rows": "rows trained on",
-    "sessions": "Recordings trained on",
-    "tried": "Estimators tried",
-    "interval_sessions": "Recordings that made the interval",
-    "homing_id": "homing",
-    "homing_ids": "homings",
-    "load": "load [kg]",
-    "start": "start [s]",
-    "first": "first row [s]",
-    "last": "last row [s]",
-    "data_sha256": "SHA-256 of the training data",
-    "sample_dt": "time between rows [s]",
-    "fit_seconds": "time of the fit [s]",
-    "random_state": "seed",
-    "command": "command line",
-}
-
-_COLUMNS: Final = {
-    "RMSE": "rmse", "spread": "spread", "largest": "max_abs", "mean": "mean",
-    "RMSE inside": "rmse_inside", "RMSE outside": "rmse_outside",
-    "RMSE x": "x", "RMSE y": "y", "RMSE z": "z",
-}  # fmt: skip
-"""Columns of scores by title; one without a number is left out."""
+_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 
 
 def main_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
@@ -274,7 +248,7 @@ def origin(
 
 
 def _label(key: str) -> str:
-    return _LABELS.get(key, key.replace("_", " "))
+    return str(_WORDS["labels"].get(key, key.replace("_", " ")))
 
 
 def _text(key: str, value: Any) -> str:
@@ -290,24 +264,6 @@ def _text(key: str, value: Any) -> str:
         plain = f"{value:,}" if isinstance(value, int) else f"{value:.6g}"
         return duration(float(value)) if key == "duration" else plain
     return str(value)
-
-
-def all_scores(evaluation: Evaluation) -> Iterator[tuple[str, DataFrame]]:
-    """Give a table per joint, then that of the tool where its position is known, by name.
-
-    Digits are sensible ones, and the same for all cells of one unit; a column without a number is
-    left out.
-    """
-    for name, unit, scores in evaluation.shown_scores():
-        fix = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
-        text = {"estimator": scores["estimator"].map(estimator_title)} | {
-            f"{title} [{unit.name}]": (unit.scale * scores[column]).map(fix)
-            for title, column in _COLUMNS.items()
-            if scores[column].notna().any()
-        }
-        percent = scores["percent_of_offset"].map(partial(fixed, decimals=0))
-        text["percent of fixed offset"] = percent
-        yield name, DataFrame(text | {"seeds": scores["seeds"].map(str)})
 
 
 def score_table(evaluation: Evaluation) -> rich_table.Table:

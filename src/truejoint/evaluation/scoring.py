@@ -3,8 +3,6 @@
 An error is the estimated position minus the true one, in the joint's SI unit (rad or m).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath

@@ -1,7 +1,5 @@
 """Test vectors of an exported calibration: samples, and what `Corrector` makes of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Write a calibration as C99 source that needs nothing but math.h, and as a ROS package."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -10,8 +10,6 @@ This is the usual weighted sum, rearranged: the centre's weight, about -1e6 for 
 never appears, and neither do the digits that it would cost.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a filter step did, as bits of one number: the loop itself raises nothing."""
 
-from __future__ import annotations
-
 from enum import IntFlag
 
 

@@ -1,7 +1,5 @@
 """Who may open the page, and what the page may do: the door before viser's server."""
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import ipaddress

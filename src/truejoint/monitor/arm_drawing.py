@@ -1,7 +1,5 @@
 """An arm as tubes and balls, drawn from its kinematics alone."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """The page in the browser, made with viser: what is shown on it is given to it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import socket

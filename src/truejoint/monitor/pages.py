@@ -1,7 +1,5 @@
 """Pages of an arm that works, and of a recording."""
 
-from __future__ import annotations
-
 import logging
 import math
 import sys

@@ -1,7 +1,5 @@
 """What the page shows of samples: poses, curves over time, and HTML; no browser in it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ Both sides speak lines of JSON over the pipes of the process: numbers and text, 
 run. It ends when its input does, so also when who started it is killed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Temporary joint encoders on a serial line, and as a ROS topic."""
 
-from __future__ import annotations
-
 import logging
 import math
 import re

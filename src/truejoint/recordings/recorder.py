@@ -1,7 +1,5 @@
 """Recording what an arm reports while it moves."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading

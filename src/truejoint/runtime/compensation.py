@@ -9,36 +9,10 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.layout import Layout
 
-LAYOUT: Final = Layout()
-LAYOUT.integer("n_joints", "that are compensated")
-STATUS: Final = LAYOUT.integer("status", "bits that the corrector gave for this sample")
-LAYOUT.integer("doubted", "bits with which a sample is not believed")
-KNOWS_LOST: Final = LAYOUT.integer("knows_lost", "whether a sample was believed")
-LAYOUT.integer("still", "bits that do not count where nothing is wanted to move")
-FALLS_BACK: Final = LAYOUT.integer("falls_back", "whether nothing is fed back for want of trust")
-
-LAYOUT.scalar("lead", "steps by which set-points are ahead of what is wanted")
-GAIN: Final = LAYOUT.scalar("gain", "share of the remaining error that is added")
-LAYOUT.scalar("share", "of the low-pass of what is lost, a step")
-LAYOUT.scalar("integral", "share of the remaining error made up for, a step")
-LAYOUT.scalar("settle", "share of the way that is gone a step, standing still")
-LAYOUT.scalar("dead_band", "error let be where a joint stands still [rad or m]")
-LAYOUT.scalar("forget", "share of a low-pass of a second, a step")
-TRUST: Final = LAYOUT.scalar("trust", "share of steps that were believed, low-passed")
-WEIGHT: Final = LAYOUT.scalar("weight", "of gain and share, less than 1 after a fall-back")
-
-LAYOUT.array("wanted", "at the next step [rad or m]", "n_joints")
-LAYOUT.array("measured", "of this sample [rad or m]", "n_joints")
-LAYOUT.array("correction", "true less measured, as the model says [rad or m]", "n_joints")
-LAYOUT.array("setpoint", "put out [rad or m]", "n_joints")
-LAYOUT.array("last_wanted", "one step before; NaN at first [rad or m]", "n_joints")
-LAYOUT.array("lost", "correction, low-passed [rad or m]", "n_joints")
-LAYOUT.array("made_up", "of the error that remained [rad or m]", "n_joints")
-LAYOUT.array("lower", "limit of the set-point [rad or m]", "n_joints")
-LAYOUT.array("upper", "limit of the set-point [rad or m]", "n_joints")
-LAYOUT.array("step", "longest step of the set-point [rad or m]", "n_joints")
-LAYOUT.integers("is_limited", "1 where a limit held the set-point back", "n_joints")
-LAYOUT.integers("rests", "1 where a joint stands within the dead band", "n_joints")
+LAYOUT: Final = Layout().declare(__package__, "compensator")
+STATUS, KNOWS_LOST, FALLS_BACK, GAIN, TRUST, WEIGHT = map(
+    LAYOUT.at, ("status", "knows_lost", "falls_back", "gain", "trust", "weight")
+)
 
 LEAST_TRUST: Final = 0.5
 """Share of steps that must be believed, or the compensator falls back."""

@@ -1,7 +1,5 @@
 """How far from the training rows a sample may be: thresholds, all derived from the model file."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any, Final
 

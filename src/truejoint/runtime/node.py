@@ -1,7 +1,5 @@
 """A corrector as a node: measured joints come in on a ROS topic, corrected ones go out."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -4,8 +4,6 @@ A `Pick` names errors (k,) by session: columns of their rows, two such whose rat
 function.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any, Final

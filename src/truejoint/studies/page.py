@@ -1,7 +1,5 @@
 """What a study leaves: page, tables, numbers, pictures; one page over all studies."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections import Counter

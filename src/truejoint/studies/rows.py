@@ -1,10 +1,8 @@
 """Tidy rows of a study, tables and a figure of them, and the numbers that papers print."""
 
-from __future__ import annotations
-
 import csv
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
@@ -35,11 +33,6 @@ def select(rows: DataFrame, **where: Any) -> DataFrame:
 def unique(rows: DataFrame, column: str) -> list[Any]:
     """Values of a column, each once, in the order of the rows."""
     return list(dict.fromkeys(rows[column]))
-
-
-def groups(rows: DataFrame, column: str) -> Iterator[tuple[Any, DataFrame]]:
-    """Rows of each value of a column, in the order of the rows."""
-    yield from rows.groupby(column, sort=False)
 
 
 def quantiles(rows: DataFrame, by: str, column: str, shares: Mapping[str, float]) -> DataFrame:
@@ -111,7 +104,7 @@ def ecdf_figure(
             group, "rms", by, scale=math.degrees(1.0), colours=colours, x="RMS error [deg]",
             y="share of cases [%]", title=str(name), log="x",
         )
-        for name, group in groups(rows.dropna(subset="rms"), panels)
+        for name, group in rows.dropna(subset="rms").groupby(panels, sort=False)
     ]  # fmt: skip
     return Figure(title, (drawn,), caption, height=4.6, legend=True)
 

@@ -3,8 +3,6 @@
 There is one with plays that learn what it leaves, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Self
@@ -76,16 +74,6 @@ class Run:
         return rows[rows >= self.settled]
 
 
-def filter_inputs(X: Array, dt: Array) -> Array:
-    """Make inputs (n, 9) of the filter: motors without what trembles, their changes, speeds.
-
-    Of motors and efforts `X` (n, 6), `dt` (n,) [s] after the row before.
-    """
-    inputs = np.empty((len(X), r.INPUTS))
-    cable_filter.input_rows(X, dt, inputs)
-    return inputs
-
-
 def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
     """Parameters of `cable_loops` for an instrument and what was found of it."""
     radius = mechanism.radii
@@ -142,7 +130,8 @@ def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Arra
     parts = []
     rigid = p[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
     for n, history in enumerate(runs):
-        inputs = filter_inputs(history.X, history.dt)
+        inputs = np.empty((len(history.X), r.INPUTS))
+        cable_filter.input_rows(history.X, history.dt, inputs)
         (joint, torque), x = np.empty((2, *history.load.shape)), np.empty((len(inputs), r.STATES))
         r.simulate(inputs, history.load, p, x, joint, torque)
         share, speed = x[:, r.MOTOR : r.PIN], inputs[:, r.SPEED :]

@@ -7,7 +7,9 @@ linear function of where cables that give nowhere would have them.
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 from math import sqrt
 from typing import Any, Final
 
@@ -34,25 +36,11 @@ DECAY: Final = 3.0
 ERROR_TIME: Final = 0.1
 """Time [s] for which the misfit of an effort stays the same."""
 
-# Unit, lowest and highest, and where the search begins: an instrument with rods in its shaft, or
-# one with bare cables, whichever is nearer.
+_ROWS: Final = tomllib.loads(files(__package__).joinpath("identified.toml").read_text("utf-8"))
 SOUGHT: Final[Mapping[str, tuple[str, float, float, float, float]]] = {
-    "pitch_stiffness": ("N/m", 8e3, 5e5, 9e4, 3.4e4),  # of one cable
-    "jaw1_stiffness": ("N/m", 8e3, 5e5, 9e4, 3.4e4),
-    "jaw2_stiffness": ("N/m", 8e3, 5e5, 9e4, 3.4e4),
-    "shaft_compliance": ("1", 0.05, 20.0, 1.0, 3.5),  # times what the mechanism says
-    "pitch_friction": ("N", 0.1, 60.0, 4.0, 1.4),  # of a loop over its guides
-    "jaw1_friction": ("N", 0.1, 60.0, 4.0, 1.4),
-    "jaw2_friction": ("N", 0.1, 60.0, 4.0, 1.4),
-    "wrist_friction": ("1", 1e-3, 0.5, 0.1, 0.04),  # coefficient, per radian of wrap
-    "build_up": ("N/m", 1e5, 1e8, 3e6, 3e6),
-    "pitch_pin": ("Nm", 3e-4, 6e-2, 1.2e-2, 1e-2),
-    "jaw_pin": ("Nm", 1e-4, 3e-2, 5e-3, 4e-3),
-    "pin_way": ("rad", 5e-4, 2e-2, 3e-3, 3e-3),
-    "tension": ("N", 12.0, 100.0, 32.0, 24.0),  # of both cables of a loop
-    "motor_way": ("rad", 5e-4, 5e-2, 5e-3, 5e-3),
+    name: (*row,) for name, row in _ROWS.items()
 }
-"""What is identified of an instrument."""
+"""Unit, bounds and starts of what is identified, as `identified.toml` says."""
 
 _FARTHEST: Final = 50.0  # [rad] of a motor
 _STRONGEST: Final = 1e3  # [N] or [Nm], of anything
@@ -129,15 +117,8 @@ def cable_prior(parameters: Array) -> tuple[Array, Array]:
 LOADS: Final = "grip", "tip_first", "tip_second"
 """What the row tells beside the joints."""
 
-LAYOUT: Final = at.filter_layout()
-LAYOUT.array("last", "motor angles of the row before [rad]", N)
-LAYOUT.array("played", "the same without what trembles [rad]", N)
-LAYOUT.array("geometry", "what it adds, by term and joint", TERMS, N)
-LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
-LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
-GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
-LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
-LAYOUT.array("tip_second", "torque of its second arm, half-width [Nm]", 2)
+LAYOUT: Final = at.filter_layout().declare(__package__, "filter", N=N, TERMS=TERMS, STATES=STATES)
+GRIP: Final = LAYOUT.at("grip")
 unpack = LAYOUT.unpacker()
 
 

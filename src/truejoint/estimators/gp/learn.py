@@ -1,7 +1,5 @@
 """Gaussian process regression by inducing points."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple

@@ -13,7 +13,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, fill, matrix, unrolled, wide
 from truejoint.estimators.family import Family, Shape
-from truejoint.estimators.network.run import declare_scaling, scaling_shapes
+from truejoint.estimators.network.run import scaling_shapes
 from truejoint.estimators.rules import Params, integer
 from truejoint.layout import Layout, Memory
 from truejoint.products import BLOCK, add_product, padded, standardise
@@ -23,15 +23,8 @@ DOUBLINGS: Final = 8  # of an exponent, from where seven terms of a series do
 SMALL: Final = -0.5 / 2**DOUBLINGS
 FARTHEST: Final = 80.0  # square of a distance; beyond it, a bell is 0 within rounding
 
-LAYOUT: Final = Layout()
-declare_scaling(LAYOUT)
-LAYOUT.array("inverse_lengths", "of each output and feature", "n_outputs", "n_features")
-LAYOUT.array("points", "of each output, a row for each feature, in lengths", "n_coordinates")
-LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0", "n_weights")
-LAYOUT.array("scaled", "standardised features", "n_features")
-LAYOUT.array("lengths", "features in lengths of one output", "n_features")
-LAYOUT.array("bells", "of each inducing point, filled up to a multiple of 4", "width")
-LAYOUT.array("sums", "of weighted bells, of which the first is used", BLOCK)
+LAYOUT: Final = Layout().declare("truejoint.estimators.network", "scaling")
+LAYOUT.declare(__package__, "gp", BLOCK=BLOCK)
 unpack = LAYOUT.unpacker()
 
 

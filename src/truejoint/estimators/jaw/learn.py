@@ -1,7 +1,5 @@
 """Estimators of a jaw: what they share, and the unscented filter and least squares of yan2020."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -15,13 +15,13 @@ from truejoint.compiled import compiled
 from truejoint.estimators.family import Family, Shape, only_joint
 from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
 from truejoint.estimators.jaw.signals import (
+    COEFFICIENTS,
     DRIVE,
     ERROR_SHAPES,
     MECHANISM_RULES,
     MOTOR,
     RESET,
     bounded_error,
-    declare_error,
 )
 from truejoint.estimators.rules import POSITIVE, Params, one_of
 from truejoint.filters import ScaledSigmaPoints, StateSpaceModel, UnscentedFilter
@@ -180,14 +180,8 @@ class ForcepsModel(SimpleNamespace):
         )
 
 
-LAYOUT: Final = filter_layout()
-declare_error(LAYOUT)
-LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]")
-LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
-LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
-LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
-LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
-LAYOUT.scalar("constant", "added to the angle [rad]")
+LAYOUT: Final = filter_layout().declare(__package__, "error", "filter", COEFFICIENTS=COEFFICIENTS)
+LAST_MOTOR, LAST_RESET = map(LAYOUT.at, ("motor", "reset"))
 unpack = LAYOUT.unpacker()
 
 
@@ -271,13 +265,8 @@ FAMILY: Final = Family(
 OBSERVED: Final = 7
 """Columns of the observation matrix (29)."""
 
-LEAST_SQUARES_LAYOUT: Final = Layout()
-declare_error(LEAST_SQUARES_LAYOUT)
-LEAST_SQUARES_LAYOUT.scalar("constant", "of the sum [rad]")
-LEAST_SQUARES_LAYOUT.array("coef", "of each column", OBSERVED)
-LEAST_SQUARES_LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before", 4)
-LEAST_SQUARES_LAYOUT.array(
-    "columns", "of a row: x1 and x2 with derivatives, sign of a speed", OBSERVED
+LEAST_SQUARES_LAYOUT: Final = Layout().declare(
+    __package__, "error", "least_squares", COEFFICIENTS=COEFFICIENTS, OBSERVED=OBSERVED
 )
 unpack_least_squares = LEAST_SQUARES_LAYOUT.unpacker()
 

@@ -11,7 +11,6 @@ from truejoint.compiled import compiled
 from truejoint.estimators.family import Shape
 from truejoint.estimators.rules import LARGEST, POSITIVE, Rule, number
 from truejoint.features.feature_set import play
-from truejoint.layout import Layout
 
 MOTOR: Final = "motor/jaw"
 DRIVE: Final = "cable/drive"
@@ -35,14 +34,6 @@ ERROR_SHAPES: Final[Mapping[str, Shape]] = {
     "error_range": (2,),
 }
 """What is learnt of (25), and how far it may go."""
-
-
-def declare_error(layout: Layout) -> None:
-    """Declare whether the error model is taken off, and what is learnt of it."""
-    layout.integer("compensated", "1: less the error model (25)")
-    layout.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
-    layout.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
-    layout.array("error_range", "within which that is believed [rad]", 2)
 
 
 STANDSTILL: Final = 0.5

@@ -1,12 +1,4 @@
-"""The estimators of a jaw under loads: an unscented filter, and plays gated by their agreement.
-
-The filter carries friction and the external load in its state. A few elastoplastic elements, each a
-bristle that bends with the reset cable's motion until it slides, stand for friction. What the
-motor's side reads, against what it should, corrects their deflections and the load: fast and small
-as friction, slow and lasting as a load.
-"""
-
-from __future__ import annotations
+"""The estimators of a jaw under loads: an unscented filter, and plays gated by their agreement."""
 
 import math
 from dataclasses import dataclass, replace

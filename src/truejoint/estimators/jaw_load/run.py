@@ -2,6 +2,8 @@
 
 Slider, cables and jaw hold friction that depends on which way they last moved. A few elastoplastic
 elements, each a bristle that bends with the reset cable's motion until it slides, stand for it.
+What the motor's side reads, against what it should, corrects their deflections and the load: fast
+and small as friction, slow and lasting as a load.
 
 A load stretches the drive cable beyond what it is stretched unloaded, which is the filter's last
 state. A rope's strands bed in as it is pulled, so its stiffness grows with its tension ``T``:
@@ -210,16 +212,8 @@ def friction_prior(elements: int) -> tuple[Array, Array]:
     return np.zeros(elements + 1), np.diag([*([0.25] * elements), 4e-12])
 
 
-LAYOUT: Final = at.filter_layout()
-LAYOUT.integer("elements", "of friction")
-LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
-LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
-LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
-LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
-LAYOUT.array("angle", "constant, powers and elements of the angle [rad]", "n_terms")
-LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]", 2)
-LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest", 8)
-LAYOUT.array("hold", "where both cables stand [m], for how long; a load not shown", 5)
+LAYOUT: Final = at.filter_layout().declare(__package__, "filter")
+LAST_RESET: Final = LAYOUT.at("reset")
 unpack = LAYOUT.unpacker()
 
 
@@ -302,20 +296,8 @@ FAMILY: Final = Family(
     bears_load=lambda _params: True,
 )
 
-GATED_LAYOUT: Final = Layout()
-GATED_LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
-GATED_LAYOUT.scalar("misfit", "standard deviation while both sides agree [rad]")
-GATED_LAYOUT.scalar("alone", "standard deviation of the reset cable's own estimate [rad]")
-GATED_LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
-GATED_LAYOUT.scalar("geared", "motion of the reset cable per motor angle [m/rad]")
-BELIEVED: Final = GATED_LAYOUT.scalar(
-    "believed", "of what both sides differed by at the last row [rad]"
-)
-GATED_LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide", 2)
-GATED_LAYOUT.array("motor_hold", "the same of the motor, geared", 2)
-GATED_LAYOUT.array("estimate", "of one side [rad]", 1)
-RESET_PART: Final = GATED_LAYOUT.part("reset", "estimate from the reset cable")
-BOTH_PART: Final = GATED_LAYOUT.part("both", "estimate from both sides")
+GATED_LAYOUT: Final = Layout().declare(__package__, "gated")
+BELIEVED, RESET_PART, BOTH_PART = map(GATED_LAYOUT.at, ("believed", "reset", "both"))
 unpack_gated = GATED_LAYOUT.unpacker()
 
 DOUBT: Final = 0.5

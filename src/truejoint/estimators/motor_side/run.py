@@ -204,17 +204,8 @@ def elastic_prior(arrays: Mapping[str, Array]) -> tuple[Array, Array]:
     return np.array([*[0.0] * elements, load_mean, 0.0]), np.diag(variance)
 
 
-LAYOUT: Final = at.filter_layout()
-LAYOUT.integer("elements", "of friction")
-LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges")
-LAYOUT.scalar("middle", "of the driver's range [rad]")
-LAYOUT.scalar("half_range", "of the driver [rad]")
-LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
-LAYOUT.array("responses", "coefficients of each output", "n_told", "n_terms")
-LAYOUT.array("misfit", "standard deviation of what a response misses", "n_told")
-BESIDE: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
-LAYOUT.array("near", "a state beside the estimate", "n_states")
-LAYOUT.array("slope", "of an output over the state", "n_states")
+LAYOUT: Final = at.filter_layout().declare(__package__, "filter")
+LAST, BESIDE = map(LAYOUT.at, ("last", "torque"))
 unpack = LAYOUT.unpacker()
 
 

@@ -40,23 +40,7 @@ TRAINING: Final[Mapping[str, Rule]] = {
 """Rules of what every network that remembers is trained by."""
 
 
-def declare_scaling(layout: Layout) -> None:
-    """Declare the arrays by which features and targets are standardised."""
-    layout.array("mean", "of each feature in training", "n_features")
-    layout.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
-    layout.array("target_mean", "of each output", "n_outputs")
-    layout.array("target_scale", "of each output", "n_outputs")
-
-
-LAYOUT: Final = Layout()
-declare_scaling(LAYOUT)
-LAYOUT.array("weights", "of all layers, a row for each input", "n_weights")
-LAYOUT.array("biases", "of all layers", "n_biases")
-LAYOUT.array("activations", "of two layers in turn", 2, "widest")
-LAYOUT.integers("units", "of the input and each layer", "n_units")
-LAYOUT.integers("columns", "units of each layer, filled up to a multiple of 4", "n_layers")
-LAYOUT.integers("first_weight", "of each layer", "n_layers")
-LAYOUT.integers("first_bias", "of each layer", "n_layers")
+LAYOUT: Final = Layout().declare(__package__, "scaling", "network")
 unpack = LAYOUT.unpacker()
 
 
@@ -145,24 +129,8 @@ FAMILY: Final = Family(
     row=network_row,
 )
 
-GRU_LAYOUT: Final = Layout()
-GRU_LAYOUT.scalar("period", "time between updates of the state [s]")
-GRU_ELAPSED: Final = GRU_LAYOUT.scalar("elapsed", "time since the state was updated [s]")
-declare_scaling(GRU_LAYOUT)
-GRU_LAYOUT.array(
-    "input_weights", "columns: the gates, then the candidate", "n_features", "gates_width"
-)
-GRU_LAYOUT.array("input_bias", "of gates and candidate", "gates_width")
-GRU_LAYOUT.array("state_weights", "columns as the inputs'", "units", "gates_width")
-GRU_LAYOUT.array("state_bias", "of the candidate, within the reset gate", "gates_width")
-GRU_LAYOUT.array("output_weights", "a row for each unit and each feature", "n_seen", "columns")
-GRU_LAYOUT.array("output_bias", "of each output", "columns")
-GRU_LAYOUT.array("state", "as it was last updated", "units")
-GRU_LAYOUT.array("seen", "by the output: new state and standardised features", "n_seen")
-GRU_LAYOUT.array("gates", "what the features give gates and candidate", "gates_width")
-GRU_LAYOUT.array("from_state", "what the state gives gates and candidate", "gates_width")
-GRU_LAYOUT.array("sums", "standardised outputs", "columns")
-GRU_LAYOUT.integer("width", "units, filled up to a multiple of 4")
+GRU_LAYOUT: Final = Layout().declare(__package__, "scaling", "gru")
+GRU_ELAPSED: Final = GRU_LAYOUT.at("elapsed")
 unpack_gru = GRU_LAYOUT.unpacker()
 
 
@@ -253,22 +221,8 @@ GRU: Final = Family(
     counts_samples=True,
 )
 
-TCN_LAYOUT: Final = Layout()
-TCN_LAYOUT.scalar("period", "time between updates [s]")
-TCN_ELAPSED: Final = TCN_LAYOUT.scalar("elapsed", "time since the last update [s]")
-COUNT: Final = TCN_LAYOUT.scalar("count", "updates, from 0 again after the longest way back")
-declare_scaling(TCN_LAYOUT)
-TCN_LAYOUT.array("input_weights", "a row for each feature", "n_features", "width")
-TCN_LAYOUT.array("input_bias", "of what the first layer sees", "width")
-TCN_LAYOUT.array("now_weights", "of each layer, of what it is given now", "n_squares")
-TCN_LAYOUT.array("past_weights", "of each layer, of what it was given before", "n_squares")
-TCN_LAYOUT.array("layer_bias", "of each layer", "n_layers", "width")
-TCN_LAYOUT.array("output_weights", "a row for each unit and each feature", "n_seen", "columns")
-TCN_LAYOUT.array("output_bias", "of each output", "columns")
-TCN_LAYOUT.array("past", "what layers were given, as long ago as they look back", "n_past", "width")
-TCN_LAYOUT.array("seen", "by the output: last layer and standardised features", "n_seen")
-TCN_LAYOUT.array("units_now", "of one layer, before they are rectified", "width")
-TCN_LAYOUT.array("sums", "standardised outputs", "columns")
+TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "tcn")
+TCN_ELAPSED, COUNT = map(TCN_LAYOUT.at, ("elapsed", "count"))
 unpack_tcn = TCN_LAYOUT.unpacker()
 
 

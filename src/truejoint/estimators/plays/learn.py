@@ -131,7 +131,8 @@ class Plays(JointRegressor):
         """Unfitted copy whose positions and turns are those of the features called so."""
         changed: dict[str, Any] = {}
         if self.couple and self.positions is None:
-            changed["positions"] = tuple(_places(names, "measured/").values())
+            places = (i for i, name in enumerate(names) if name.startswith("measured/"))
+            changed["positions"] = tuple(places)
         if self.turn and self.turns is None:
             changed["turns"] = capstan_turns(names, robot, joints)
         return self.with_params(**changed)
@@ -287,11 +288,6 @@ def capstan_turns(
     is_place = np.array([[name == place for name in names] for place in places])
     unmeasured = by_joint[:, ~is_place.any(axis=1)].any(axis=1)
     return tuple(map(tuple, (by_joint @ is_place)[~unmeasured].tolist()))
-
-
-def _places(names: Sequence[str], quantity: str) -> dict[str, int]:
-    """Places of the features whose names begin so, by what follows."""
-    return {n.removeprefix(quantity): i for i, n in enumerate(names) if n.startswith(quantity)}
 
 
 def identify_coupling(

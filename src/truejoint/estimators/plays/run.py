@@ -50,23 +50,8 @@ the drive cable.
 """
 JAW_SIGNALS: Final = (MOTOR, DRIVE, RESET)
 
-LAYOUT: Final = Layout()
-LAYOUT.array("centre", "of the range of each feature in training", "n_features")
-LAYOUT.array("inverse_half_range", "of it; 0 where it is not used", "n_features")
-LAYOUT.array("half_widths", "of the plays of each feature, in half ranges", "n_plays")
-LAYOUT.array("time_constants", "of the low-passes of each feature [s]", "n_lowpasses")
-LAYOUT.array("outputs", "of the plays of each feature, as they were last", "n_bands")
-LAYOUT.array("trails", "output and input of each low-pass, as they were last", "n_trails", 2)
-LAYOUT.array("seen", "by the model: features, then plays, then low-passes", "n_seen")
-LAYOUT.integers("coupled", "features with plays of all together", "n_coupled")
-LAYOUT.array("coupling", "stiffness of two over that of the first", "n_coupled", "n_coupled")
-LAYOUT.array("reaches", "half-widths of their plays, in half ranges", "n_coupled")
-LAYOUT.array("shares", "of the half-widths that such plays have", "n_shares")
-LAYOUT.array("wanted", "features that are coupled, scaled", "n_coupled")
-LAYOUT.array("stood", "where they were last behind the plays", "n_shares", "n_coupled")
-LAYOUT.array("turns", "of capstans, by each feature [rad over its unit]", "n_turning", "n_features")
-ROW: Final = LAYOUT.address("row", "prediction of the model")
-MODEL: Final = LAYOUT.part("model", "of what is seen")
+LAYOUT: Final = Layout().declare(__package__, "plays")
+ROW, MODEL = map(LAYOUT.at, ("row", "model"))
 unpack = LAYOUT.unpacker()
 
 

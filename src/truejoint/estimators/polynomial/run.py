@@ -23,17 +23,7 @@ MAX_TERMS: Final = 4000
 INTERACTIONS: Final = "first", "crossed", "squared", "by_squares"
 """Parameters of the products of a ridge regression, see `interaction_factors`."""
 
-LAYOUT: Final = Layout()
-LAYOUT.array("mean", "of each feature in training", "n_features")
-LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
-LAYOUT.array("intercept", "of each output", "columns")
-LAYOUT.array("coef", "of each term, a row each", "n_terms", "columns")
-LAYOUT.integers(
-    "factors", "features that each term multiplies; k stands for 1", "n_terms", "degree"
-)
-LAYOUT.array("scaled", "features, then 1", "n_scaled")
-LAYOUT.array("terms", "of one row", "n_terms")
-LAYOUT.array("total", "of one row", "columns")
+LAYOUT: Final = Layout().declare(__package__, "polynomial")
 unpack = LAYOUT.unpacker()
 
 

@@ -1,7 +1,5 @@
 """What models of like instruments say of a new one: their mean, weighted as its truth says."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final

@@ -34,20 +34,7 @@ MAX_COLUMNS: Final = 1000
 DEPTH: Final = 4
 """How deep a sum may stand within sums."""
 
-LAYOUT: Final = Layout()
-LAYOUT.integers("count", "outputs of each member", "n_members")
-LAYOUT.integers("first", "of the outputs of each member", "n_members")
-LAYOUT.integers("output", "that each output of the members adds to", "n_weights")
-LAYOUT.array("weights", "of each output of the members", "n_weights")
-LAYOUT.array("predicted", "by one member", "n_outputs")
-LAYOUT.integers("n_seen", "features that each member sees; none where all see all", "n_seeing")
-LAYOUT.integers("first_seen", "of the features of each member", "n_seeing")
-LAYOUT.integers("columns", "places of what members see, one after the other", "n_columns")
-LAYOUT.array("lower", "end of the range of each in training", "n_columns")
-LAYOUT.array("upper", "other end", "n_columns")
-LAYOUT.array("seen", "by the members", "n_columns")
-LAYOUT.array("slope", "of the line beyond", "n_columns", "n_outputs")
-LAYOUT.array("direct", "what each feature adds, by member", "n_direct", "n_outputs")
+LAYOUT: Final = Layout().declare(__package__, "stack")
 _ROWS: Final = [LAYOUT.address(f"row_{i}", "prediction of a member") for i in range(MAX_MEMBERS)]
 _PARTS: Final = [LAYOUT.part(f"member_{i}", "of the sum") for i in range(MAX_MEMBERS)]
 ROW, MEMBER = _ROWS[0], _PARTS[0]

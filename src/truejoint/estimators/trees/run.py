@@ -20,21 +20,7 @@ MAX_NODES: Final = 6 * 10**6
 ABREAST: Final = 16
 """Trees that are walked through together, so that none waits for what another asks."""
 
-LAYOUT: Final = Layout()
-LAYOUT.integer("n_trees", "whose values are summed")
-LAYOUT.array("mean", "taken from each feature", "n_features")
-LAYOUT.array("scale", "that each feature is then divided by", "n_features")
-LAYOUT.array("scaled", "features of one row, then 0", "n_scaled")
-LAYOUT.array("offset", "of each output, which the values are added to", "n_outputs")
-LAYOUT.integers("root", "node at which each tree begins, flat trees first", "n_roots")
-LAYOUT.integers("levels", "of the deepest of every so many trees, below its root", "n_blocks")
-LAYOUT.integers("output", "that each tree adds to; -1: to every one", "n_trees")
-LAYOUT.integers("feature", "that each node asks for; of a leaf the 0", "n_nodes")
-LAYOUT.integers("child", "up to the threshold; above it, the next; a leaf: itself", "n_nodes")
-LAYOUT.integers("first", "value of each leaf", "n_nodes")
-LAYOUT.integers("node", "at which trees that are walked through together are", ABREAST)
-LAYOUT.array("threshold", "of each node; 0 for a leaf", "n_nodes")
-LAYOUT.array("value", "of the leaves", "n_values")
+LAYOUT: Final = Layout().declare(__package__, "trees", ABREAST=ABREAST)
 unpack = LAYOUT.unpacker()
 
 

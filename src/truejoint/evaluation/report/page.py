@@ -29,6 +29,7 @@ from truejoint.evaluation.report import figures, plot
 from truejoint.evaluation.results import (
     OFFSET,
     Evaluation,
+    all_scores,
     as_evaluation,
     by_recording,
     estimator_phrase,
@@ -129,7 +130,7 @@ def render_report(evaluation: Evaluation, *, command: str = "") -> str:
         window=WINDOW,
         facts=facts(evaluation, estimator_title(evaluation.chosen) + several),
         origin=view.origin(evaluation.training),
-        tables=dict(view.all_scores(evaluation)),
+        tables=dict(all_scores(evaluation)),
         command=command,
     )
 

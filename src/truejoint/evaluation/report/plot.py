@@ -1,7 +1,5 @@
 """Pieces of interactive figures as plain values: packed arrays, curves, axes, thinning."""
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Iterable, Sequence
@@ -135,23 +133,21 @@ def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
     return {"data": data, "layout": layout}
 
 
-def panels(
-    parts: Sequence[Panel], height: int, across: int = 0, gap: float = 0.075, width: float = 1.0
-) -> Spec:
+def panels(parts: Sequence[Panel], height: int, across: int = 0, gap: float = 0.075) -> Spec:
     """Draw panels, each with its curves on axes of its own, in rows of a `height` [px].
 
-    So many stand side by side, at most three if that is not said, over a share `width` of the page.
+    So many stand side by side, at most three if that is not said.
     """
     across = across or (min(3, len(parts)) if len(parts) != 4 else 2)
     down = -(-len(parts) // across)
-    wide, band = width * (1.0 - gap * (across - 1)) / across, 1.0 / down
+    wide, band = (1.0 - gap * (across - 1)) / across, 1.0 / down
     data: list[Spec] = []
     axes: Spec = {}
     for index, (x, y, curves) in enumerate(parts):
         number = str(index + 1) if index else ""
         names = {"xaxis": f"x{number}", "yaxis": f"y{number}"}
         row, column = divmod(index, across)
-        left, top = column * (wide + width * gap), 1.0 - row * band
+        left, top = column * (wide + gap), 1.0 - row * band
         bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
         axes[f"xaxis{number}"] = axis(**x, anchor=names["yaxis"], domain=[left, left + wide])
         axes[f"yaxis{number}"] = axis(**y, anchor=names["xaxis"], domain=[bottom, top])

@@ -1,7 +1,5 @@
 """What public data sets there are: where they come from, their hashes and how to judge on them."""
 
-from __future__ import annotations
-
 import csv
 import io
 import tomllib

@@ -1,7 +1,5 @@
 """Where the public data sets are on this machine, and how they get there."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 The rest tells outliers and steps.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

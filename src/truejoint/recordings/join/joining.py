@@ -4,8 +4,6 @@
 judge finds it, beside what plays and efforts explain.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import compress

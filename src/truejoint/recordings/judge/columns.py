@@ -1,7 +1,5 @@
 """Defects of single columns: clock, lost rows, missing truth, wraps, sensors that stand still."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -9,9 +7,10 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.recordings.judge.finding import Defect, Level, count
+from truejoint.recordings.judge.finding import Defect, Level
 from truejoint.recordings.table.recording import Recording, runs
 from truejoint.recordings.table.stream import GAP_STEPS, gaps
+from truejoint.units import plural
 
 _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
 _OFTEN: Final = 3  # times that it does so by half of that, which tell as much
@@ -31,7 +30,7 @@ def judge_columns(
     if total := sum(dropped.values()):
         share = total / (total + len(recording))
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        which = f"{count(total, 'row')} ({100 * share:.2g} %)"
+        which = f"{plural(total, 'row')} ({100 * share:.2g} %)"
         what = f"{which} dropped when the file was read: {reasons}"
         yield Defect("warn" if share > 0.05 else "info", "dropped", what, "rows", size=share)
     for name in signals:
@@ -76,7 +75,7 @@ def _clock(t: Array) -> Iterable[Defect]:
         longest = float(step.max())
         lost = float(step[after].sum() / (t[-1] - t[0]))
         what = (
-            f"{count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
+            f"{plural(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
             f"s, {100 * lost:.2g} % of the time"
         )
         rows = tuple((int(row), int(row) + 2) for row in after)
@@ -139,7 +138,7 @@ def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
         return
     places = np.flatnonzero(far)
     what = (
-        f"{count(len(places), 'whole turn' if wrapped else 'sudden jump')}, the first at "
+        f"{plural(len(places), 'whole turn' if wrapped else 'sudden jump')}, the first at "
         f"{t[places[0] + 1]:.3f} s, the largest {largest:.3g} {unit}"
     )
     where = tuple((int(rows[k]), int(rows[k + 1]) + 1) for k in places)
@@ -197,10 +196,10 @@ def _stands(
             held = int(inside.sum())
             where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
             if name == "truth" and pushes(effort, inside):
-                what = f"{count(held, 'row')} at a mechanical stop: the motor goes on and pushes"
+                what = f"{plural(held, 'row')} at a mechanical stop: the motor goes on and pushes"
                 yield Defect("warn", "stop", what, f"truth/{joint}", rows=where, size=held)
                 continue
-            what = f"{count(held, 'row')} stand at an end of its range, while the joint moves on"
+            what = f"{plural(held, 'row')} stand at an end of its range, while the joint moves on"
             share = held / len(still)
             yield Defect("fail", "saturated", what, f"{name}/{joint}", rows=where, size=share)
         # Less may be honest slack; single rows may be outliers.

@@ -103,15 +103,6 @@ def one_line_each(
         worst, recording = max(group, key=lambda pair: (-ORDER[pair[0].level], pair[0].size))
         others = len({id(item) for _, item in group}) - 1
         more = f" and {others} more of {len(recordings)} recordings" if others else ""
-        where = f"{worst.where} in {file_name(recording)}{more}"
+        file = PurePath(recording.provenance.source).name or "recording"
+        where = f"{worst.where} in {file}{more}"
         yield Finding(worst.level, worst.name, worst.what, where, worst.advice, worst.rows)
-
-
-def file_name(recording: Recording) -> str:
-    """Name of the file that a recording comes from."""
-    return PurePath(recording.provenance.source).name or "recording"
-
-
-def count(number: int, thing: str) -> str:
-    """Count things: ``"1 row"``, ``"2 rows"``."""
-    return f"{number} {thing}" + ("" if number == 1 else "s")

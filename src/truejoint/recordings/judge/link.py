@@ -3,8 +3,6 @@
 Stamps, counts of lost rows, efforts and the other arm tell what the columns alone do not.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Final

@@ -1,7 +1,5 @@
 """Truth beside what the robot reports: sign, unit, limits, outliers, zeros, delay, redundancy."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
@@ -24,11 +22,11 @@ from truejoint.recordings.join.explained import (
 )
 from truejoint.recordings.join.lag import LATE, Lag, lags_alone_and_together
 from truejoint.recordings.judge.columns import pushes
-from truejoint.recordings.judge.finding import Defect, Finding, Level, Rows, count, one_line_each
+from truejoint.recordings.judge.finding import Defect, Finding, Level, Rows, one_line_each
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction
 from truejoint.robots import Joint
-from truejoint.units import display_unit, shown
+from truejoint.units import display_unit, plural, shown
 
 Marked = tuple[Defect, Recording]
 
@@ -192,7 +190,7 @@ def _at_stop(stop: Stop, recording: Recording, joint: str) -> Defect:
     repeats = not np.ptp(recording.column(f"truth/{joint}")[at_stop])
     saturated = repeats and not pushes(np.asarray(effort), at_stop)
     what = (
-        f"{count(len(stop.rows), 'row')} at {'an end' if saturated else 'a mechanical stop'}: the "
+        f"{plural(len(stop.rows), 'row')} at {'an end' if saturated else 'a mechanical stop'}: the "
         f"truth stays at {shown(stop.level, unit)} while measured goes on to "
         f"{shown(stop.farthest, unit)} ({_row_text(rows)})"
     )
@@ -223,7 +221,7 @@ def _judge_steps(
         most = shown(float(np.abs(steps.size).max()), unit)
         weight = float(np.sqrt((steps.size**2).sum() / len(recording)))
         what = (
-            f"{len(steps.outliers)} of {count(len(recording), 'row')} up to {most} off those "
+            f"{len(steps.outliers)} of {plural(len(recording), 'row')} up to {most} off those "
             f"beside them ({_row_text(rows)})"
         )
         few = slow and len(steps.outliers) < _FEW_OF_SLOW * len(recording)

@@ -1,7 +1,5 @@
 """Whether a robot's own pose of its tool is where its joints put it, and if not, why."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 

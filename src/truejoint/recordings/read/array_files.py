@@ -5,8 +5,6 @@ compared here, before any memory is taken, with the bytes that stand for them (M
 Format", R2023b, chapter 1).
 """
 
-from __future__ import annotations
-
 import io
 import math
 import struct

@@ -1,7 +1,5 @@
 """A column map to start from: what a file has, and what its names suggest that it is."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

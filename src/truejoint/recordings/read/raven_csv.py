@@ -9,8 +9,6 @@ and HaonanPeng/RAVEN-2-Feature-Ablation:README.md. The state message multiplies 
 factor brings all of them to rad and m.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

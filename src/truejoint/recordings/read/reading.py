@@ -1,7 +1,5 @@
 """Recordings from files, whose layout is found out where none is named."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Recordings on disk: one Parquet file with units, provenance and a hash in its schema."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ A file's metadata may lie about it. Layout: apache/parquet-format (PageHeader, f
 apache/thrift:doc/specs/thrift-compact-protocol.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, BinaryIO, Final
 

@@ -4,8 +4,6 @@ A block is a line of JSON with a hash, then its rows: stamps and columns, float6
 first one has no rows and says what is recorded.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Setting the jaw and not the motor: tracking errors with an estimate in the loop and without."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The filter with friction and load: weights and the cable's stiffness."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache

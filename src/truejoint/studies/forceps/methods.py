@@ -1,10 +1,10 @@
 """The estimators that the studies of the forceps compare, calibrated and judged as any other."""
 
-from __future__ import annotations
-
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any, Final, cast
 
 import numpy as np
@@ -13,7 +13,7 @@ from pandas import DataFrame
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
-from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
+from truejoint.estimators.jaw.signals import DRIVE, RESET
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, record, tensioned
@@ -39,26 +39,8 @@ class Method:
         return ("motor", *(x for name, x in cables if name in self.inputs))
 
 
-METHODS: Final[Mapping[str, Method]] = {
-    "rigid": Method("rigid cables, offset", (MOTOR,), estimator="offset"),
-    "poly2_motor": Method("quadratic in motor angle", (MOTOR,), estimator="poly2"),
-    "play_motor": Method("plays on motor angle", (MOTOR,)),
-    "play_drive": Method("plays on x1", (DRIVE,)),
-    "poly2_drive": Method("quadratic in motor angle, x1", (MOTOR, DRIVE), estimator="poly2"),
-    "lsm": Method("least squares (29)", (DRIVE, RESET), "tab:red"),
-    "lsm_intercept": Method("(29) with intercept", (DRIVE, RESET)),
-    "lsm_compensated": Method(
-        "compensated least squares (30)", (MOTOR, DRIVE, RESET), "tab:orange"
-    ),
-    "poly2": Method("quadratic in motor angle, x2", (MOTOR, RESET)),
-    "ukf": Method("UKF (23), constant only", (MOTOR, RESET)),
-    "ukf_compensated": Method("UKF with compensation (26)", (MOTOR, RESET), "tab:blue"),
-    "play_reset": Method("plays on x2", (RESET,), "tab:olive"),
-    "play_both": Method("plays on motor angle, x2", (MOTOR, RESET)),
-    "play_cables": Method("plays on x1, x2", (DRIVE, RESET)),
-    "play_gated": Method("gated plays (our default)", (MOTOR, RESET), "tab:green"),
-    "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
-}
+_ROWS: Final = tomllib.loads(files(__package__).joinpath("methods.toml").read_text("utf-8"))
+METHODS: Final = {key: Method(**{**row, "inputs": (*row["inputs"],)}) for key, row in _ROWS.items()}
 """By the key that stands in options and numbers, in the order of the tables."""
 TITLES: Final = {key: method.title for key, method in METHODS.items()}
 COLOURS: Final = {method.title: method.colour for method in METHODS.values()}

@@ -1,7 +1,5 @@
 """Specimens of the forceps, and recordings of them in the shape that a laboratory's would have."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

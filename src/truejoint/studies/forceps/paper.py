@@ -1,7 +1,5 @@
 """Tables 2 and 3, figures 6, 7 and 9 of yan2020: the jaw without a load, and under weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -20,7 +18,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, load_test, record, trajectory
-from truejoint.studies.rows import frame_table, groups, reported, reported_text, select, unique
+from truejoint.studies.rows import frame_table, reported, reported_text, select, unique
 from truejoint.studies.study import (
     CLAIMS,
     Part,
@@ -332,7 +330,8 @@ def _within(phase: str, limit: float, lightest: float = math.inf) -> Judge:
         rows = rows[rows.mass < lightest]
         angle = select(rows, phase=phase or "IV", method=m.PAPERS_BEST)
         angle = angle.assign(angle=np.degrees(angle.rms if phase else angle.turn.abs()))
-        worst = {way: part.groupby("draw").angle.max() for way, part in groups(angle, "direction")}
+        ways: Any = angle.groupby("direction", sort=False)
+        worst = {way: part.groupby("draw").angle.max() for way, part in ways}
         numbers = ", ".join(
             f"{angles.max():.2f} deg {way}{claims.against(angles, limit)}"
             for way, angles in worst.items()
@@ -353,7 +352,7 @@ def _while_hung(rows: DataFrame) -> claims.Verdict:
 def _as_table_3(rows: DataFrame) -> claims.Verdict:
     """Whether errors are those of Table 3, of the direction in which they come nearer."""
     verdicts = []
-    for way, part in groups(rows, "direction"):
+    for way, part in rows.groupby("direction", sort=False):
         pairs = []
         for mass, phase in product(unique(part, "mass"), JUDGED):
             load = f"{1e3 * mass:.0f}g phase {phase}"
@@ -381,7 +380,7 @@ LIGHT: Final = (Statement(CLAIMS["light"], _within("", 0.5, _LIGHT)),)
 def _loaded_figures(results: Results, methods: Sequence[str], name: str) -> dict[str, Figure]:
     """Draw figure 9: angles by the encoder and one method, and the errors of each method."""
     first = select(results.rows, draw=0).drop_duplicates("part")
-    ways = [(f"load {way}", group) for way, group in groups(first, "direction")]
+    ways = [(f"load {way}", group) for way, group in first.groupby("direction", sort=False)]
 
     def panel(group: DataFrame, title: str, *keys: str, step: float = 0.0) -> Panel:
         curves = []

@@ -1,7 +1,5 @@
 """Methods, and designs of sensors and cables, on many virtual specimens, each a part."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product

@@ -1,7 +1,5 @@
 """II-G and II-I of peng2024: what hours of rest and work, and homings, do to a calibration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Final

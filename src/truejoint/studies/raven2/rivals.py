@@ -1,7 +1,5 @@
 """II-K, Tables III to V of peng2024: joints and tool beside what others reached, and times."""
 
-from __future__ import annotations
-
 import time
 import timeit
 from collections.abc import Callable, Sequence
@@ -22,7 +20,7 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.rows import frame_table, groups, reported, reported_text
+from truejoint.studies.rows import frame_table, reported, reported_text
 from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
 from truejoint.tables import Table
 
@@ -93,7 +91,7 @@ def rivals_summary(results: Results) -> Summary:
     """Tables III and IV beside the paper's and those that it quotes."""
     judged = RIVALS_CLAIMS if set(s.TWO) <= set(results.settings["models"]) else ()
     rows = results.rows.assign(rmse=results.rows.rmse * results.rows.quantity.map(_SCALES))
-    by_specimen = [(str(title), group) for title, group in groups(rows, "specimen")]
+    by_specimen = [(str(title), group) for title, group in rows.groupby("specimen", sort=False)]
     made = [_table(title, group, table) for title, group in by_specimen for table in ("III", "IV")]
     stated = [claim.judged(group, title) for title, group in by_specimen for claim in judged]
     return Summary(made, claims=stated)

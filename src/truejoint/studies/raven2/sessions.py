@@ -1,7 +1,5 @@
 """Sessions on virtual RAVEN-II arms: homing, zig-zags to calibrate on, random tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Tables and figures of RMSE by condition, joint and method, beside what peng2024 prints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import wraps
 from itertools import product
@@ -13,7 +11,7 @@ from pandas import DataFrame
 from truejoint.drawing import Figure, Panel, box_plot
 from truejoint.studies.claim_tests import by_session, matches
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
-from truejoint.studies.rows import frame_table, groups, mean_text, reported, select, unique
+from truejoint.studies.rows import frame_table, mean_text, reported, select, unique
 from truejoint.studies.study import Holds, Results, Summary
 from truejoint.tables import DASH, Table, fixed
 
@@ -65,7 +63,7 @@ def by_specimen(
     def every(results: Results) -> Summary:
         made = [
             summarise(results, str(title), readable(rows))
-            for title, rows in groups(results.rows, "specimen")
+            for title, rows in results.rows.groupby("specimen", sort=False)
         ]
         return Summary(
             [table for one in made for table in one.tables],

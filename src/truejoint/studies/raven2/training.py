@@ -1,7 +1,5 @@
 """II-C to II-F, II-H, II-J of peng2024: what is trained on, what a model sees and predicts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final

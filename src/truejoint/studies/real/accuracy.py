@@ -6,8 +6,6 @@ window of four samples of all commanded joints, and look at the first tenth of t
 too; here they are held out). The trajectories that they finally judge on are not public.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import product

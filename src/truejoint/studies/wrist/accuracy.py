@@ -1,7 +1,5 @@
 """How exactly estimators know pitch and both jaws, free and under loads, by motors and efforts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist

@@ -1,7 +1,5 @@
 """Motions of a wrist that a calibration sees, others that judge it, and what loads its tip."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Final

@@ -1,7 +1,5 @@
 """The recording of an arm, of its topics' messages: on one clock, in SI units, without homing."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -7,8 +7,6 @@ that a file holds is run, and what it may unpack to has its bounds (`Allowance`)
 wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, and the tables of ros2/rosbag2:rosbag2_storage_sqlite3.
 """
 
-from __future__ import annotations
-
 import io
 import sqlite3
 import struct

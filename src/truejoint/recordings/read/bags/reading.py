@@ -1,7 +1,5 @@
 """Recordings out of bags, and any topic of them as arrays."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections import Counter

@@ -1,7 +1,5 @@
 """A recording as a bag of CRTK's topics, for others' tools."""
 
-from __future__ import annotations
-
 import heapq
 import math
 import os
