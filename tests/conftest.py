@@ -35,8 +35,8 @@ os.fsync = lambda _file: None  # what tests write need outlive no power cut
 
 
 LONGEST = (
-    "estimators/test_contract", "crtk/backends/test_ros", "runtime/test_registered",
-    "studies/raven2/test_experiments", "test_lab_day", "studies/forceps/test_experiments",
+    "estimators/test_contract", "crtk/backends/test_ros", "studies/raven2/test_experiments",
+    "runtime/test_registered", "studies/forceps/test_experiments", "test_lab_day",
     "export/test_registered_c", "test_first_hours", "test_readme", "recordings/test_hostile",
     "calibration/test_zero", "test_examples", "monitor/test_pages", "cli/test_teleop",
     "tip/test_faults", "test_plugins", "recordings/judge/test_positions", "calibration/test_choose",

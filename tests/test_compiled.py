@@ -1,5 +1,7 @@
 """Compiled kernels: IEEE divisions, views that share memory, and calls through an address."""
 
+from __future__ import annotations
+
 import importlib
 import sys
 from collections import namedtuple
