@@ -3,6 +3,7 @@
 import json
 import sys
 from contextlib import ExitStack, suppress
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from truejoint.cli import driven_arm, monitor
 from truejoint.crtk import Arm, PacedBackend, protocol
 from truejoint.crtk.backends import ros as backends
 from truejoint.crtk.server import ArmServer
+from truejoint.crtk.states import OperatingState
 from truejoint.monitor import pages
 from truejoint.robots.blocks import TruthBlock
 from truejoint.simulation import TwinOutput
@@ -197,3 +199,22 @@ def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monke
     monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 0.3)
     said = "no arm reports: start the node of the robot"
     call.refuses(said, f"check {model} {BRIEF} /none")
+
+
+def test_motors_that_stand_off_their_set_point_are_moved_by_nobody():
+    """A PSM's motors sag by half a degree, and its joints may be heard before its set-point."""
+
+    class Late:
+        robot, t = truejoint.get_robot("dvrk_psm", "psm1"), 0.0
+
+        def operating_state(self):
+            return OperatingState("ENABLED", is_homed=True, is_busy=False, t=self.t)
+
+        def wait(self, duration):
+            self.t += duration
+
+        def setpoint_js(self, _):
+            position = np.zeros(7) + (np.radians(0.5) if self.t < 0.1 else 0.0)
+            return SimpleNamespace(t=self.t, position=position)
+
+    assert not driven_arm._is_moved(Late())
