@@ -63,7 +63,6 @@ FRAME = pd.DataFrame(
     {
         "model": ["a", "a", "b", "b", "a", "a", "b", "b"],
         "load": [1, 2, 1, 2, 1, 2, 1, 2],
-        "specimen": [1, 1, 1, 1, 2, 2, 2, 2],
         "rms": [1.0, 2.0, 3.0, 4.0, 3.0, 4.0, 5.0, 8.0],
     }
 )
@@ -76,19 +75,15 @@ def test_a_cumulative_plot_gives_the_share_of_rows_below_an_absolute_value():
     np.testing.assert_allclose(second.y, [0.0, 100 / 3, 200 / 3, 100.0])
 
 
-def test_a_plot_by_condition_draws_medians_and_each_specimen():
-    panel = by_condition(FRAME, "load", "rms", "model", each="specimen", colours={"a": "red"})
-    a, *thin = panel.curves[:3]
+def test_a_plot_by_condition_draws_medians():
+    a, b = by_condition(FRAME, "load", "rms", "model").curves
     np.testing.assert_allclose([a.x, a.y], [[1, 2], [2.0, 3.0]])
-    assert [(curve.label, curve.colour, list(curve.y)) for curve in thin] == [
-        ("", "red", [1.0, 2.0]),
-        ("", "red", [3.0, 4.0]),
-    ]
+    assert (a.label, b.label, list(b.y)) == ("a", "b", [4.0, 6.0])
 
 
 def test_boxes_stand_side_by_side_at_their_condition():
-    panel = box_plot(FRAME, "load", "rms", "model", scale=0.5)
+    panel = box_plot(FRAME, "load", "rms", "model")
     assert [round(box.x, 3) for box in panel.boxes] == [-0.2, 0.2, 0.8, 1.2]
     assert [box.label for box in panel.boxes] == ["a", "b", "", ""]
-    np.testing.assert_allclose(panel.boxes[3].values, [2.0, 4.0])
+    np.testing.assert_allclose(panel.boxes[3].values, [4.0, 8.0])
     assert panel.columns == ("1", "2")

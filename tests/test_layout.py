@@ -9,17 +9,17 @@ from truejoint.compiled import compiled, vector
 from truejoint.layout import Layout, part_memory, part_numbers
 
 INNER = Layout()
-SIZE = INNER.integer("size", "of the weights")
-BIAS = INNER.scalar("bias", "added")
-WEIGHTS = INNER.array("weights", "of the inputs")
+SIZE = INNER.add("size", "integer", "of the weights")
+BIAS = INNER.add("bias", "scalar", "added")
+WEIGHTS = INNER.add("weights", "array", "of the inputs")
 
 OUTER = Layout()
-FIRST = OUTER.part("first", "before")
-COUNT = OUTER.integer("count", "rows")
-OUTER.array("table", "two columns", "count", 2)
-OUTER.integers("order", "of the rows", "count")
-STAMP = OUTER.scalar("stamp", "of the last row [s]", is_time=True)
-LAST = OUTER.part("last", "behind")
+FIRST = OUTER.add("first", "part", "before")
+COUNT = OUTER.add("count", "integer", "rows")
+OUTER.add("table", "array", "two columns", "count", 2)
+OUTER.add("order", "integers", "of the rows", "count")
+STAMP = OUTER.add("stamp", "scalar", "of the last row [s]", is_time=True)
+LAST = OUTER.add("last", "part", "behind")
 unpack = OUTER.unpacker()
 
 
@@ -85,9 +85,9 @@ def test_a_part_is_copied_into_the_whole():
 
 def test_a_part_of_a_part_shares_the_memory_of_the_whole():
     middle, whole = Layout(), Layout()
-    middle.part("inner", "within")
-    whole.integer("before", "it")
-    whole.part("middle", "within")
+    middle.add("inner", "part", "within")
+    whole.add("before", "integer", "it")
+    whole.add("middle", "part", "within")
     own = middle.pack(inner=inner(1.0, 10.0, 20.0))
     packed = whole.pack(before=3, middle=own)
     found = packed.part("middle", "inner")
@@ -121,10 +121,10 @@ def test_fields_say_what_they_hold():
 @pytest.mark.parametrize("name", ["size", "bias", "", "two words", "1st"])
 def test_a_name_that_is_none_or_stands_twice_is_refused(name):
     layout = Layout()
-    layout.integer("size", "")
-    layout.scalar("bias", "")
+    layout.add("size", "integer", "")
+    layout.add("bias", "scalar", "")
     with pytest.raises(ValueError, match="is no name, or stands twice"):
-        layout.array(name, "")
+        layout.add(name, "array", "")
 
 
 @pytest.mark.parametrize("values", [{}, {"weights": [], "more": 1}, {"size": 1}])
@@ -141,7 +141,7 @@ def test_whatever_the_order_every_value_is_found_again(declared, random):
     layout, values, index = Layout(), {}, {}
     for i, (kind, size) in enumerate(declared):
         name = f"field_{i}"
-        index[name] = getattr(layout, kind)(name, "")
+        index[name] = layout.add(name, kind, "")
         values[name] = {
             "integer": i,
             "scalar": i + 0.5,
@@ -180,7 +180,7 @@ def test_whatever_the_order_every_value_is_found_again(declared, random):
 )
 def test_arrays_that_do_not_fit_their_declaration_or_each_other_are_refused(values, said):
     layout = Layout()
-    layout.integers("order", "of the rows", "count")
-    layout.array("table", "two columns", "count", 2)
+    layout.add("order", "integers", "of the rows", "count")
+    layout.add("table", "array", "two columns", "count", 2)
     with pytest.raises(ValueError, match=said):
         layout.pack(**values)

@@ -136,21 +136,10 @@ def ecdf(
     return Panel(curves, **{"y": "share of rows [%]", **panel})
 
 
-def by_condition(
-    frame: DataFrame,
-    condition: str,
-    value: str,
-    by: str,
-    *,
-    each: str = "",
-    scale: float = 1.0,
-    colours: Mapping[Any, str] | None = None,
-    **panel: Any,
-) -> Panel:
+def by_condition(frame: DataFrame, condition: str, value: str, by: str, **panel: Any) -> Panel:
     """Plot medians of `value` against numbers of a `condition`, a curve for each `by`.
 
-    Thin lines show the groups of `each`, such as specimens, if it is given. The other parameters
-    are those of `ecdf`.
+    The other parameters are those of `ecdf`.
 
     Examples
     --------
@@ -160,14 +149,9 @@ def by_condition(
     array([2., 5.])
     """
     curves = []
-    for name, colour, group in _groups(frame, by, colours):
-        middle = scale * group.groupby(condition)[value].median()
+    for name, colour, group in _groups(frame, by, None):
+        middle = group.groupby(condition)[value].median()
         curves.append(Curve(middle.index.to_numpy(), middle.to_numpy(), name, colour, "-o", 2.0))
-        if each:
-            for _, own in group.groupby(each, sort=False):
-                line = scale * own.groupby(condition)[value].median()
-                thin = line.index.to_numpy(), line.to_numpy()
-                curves.append(Curve(*thin, "", colour, width=0.2))
     return Panel(curves, **panel)
 
 
@@ -177,7 +161,6 @@ def box_plot(
     value: str,
     by: str,
     *,
-    scale: float = 1.0,
     colours: Mapping[Any, str] | None = None,
     **panel: Any,
 ) -> Panel:
@@ -197,7 +180,7 @@ def box_plot(
     for (place, at), (number, (name, colour, group)) in product(
         enumerate(places), enumerate(groups)
     ):
-        values = scale * group.loc[group[condition] == at, value].to_numpy(dtype=float)
+        values = group.loc[group[condition] == at, value].to_numpy(dtype=float)
         x, label = place + step * (number - 0.5 * (len(groups) - 1)), "" if place else name
         boxes += [Box(x, values, colour, label, 0.8 * step)] if len(values) else []
     return Panel((), boxes=boxes, columns=tuple(map(str, places)), **panel)

@@ -69,8 +69,8 @@ class Layout:
     Examples
     --------
     >>> layout = Layout()
-    >>> COUNT = layout.integer("count", "rows seen")
-    >>> MEAN = layout.array("mean", "of the rows")
+    >>> COUNT = layout.add("count", "integer", "rows seen")
+    >>> MEAN = layout.add("mean", "array", "of the rows")
     >>> packed = layout.pack(mean=[0.5, 1.5])
     >>> packed.view("mean")
     array([0.5, 1.5])
@@ -90,40 +90,33 @@ class Layout:
         rows = chain.from_iterable(_rows(package)[table].items() for table in tables)
         for name, (kind, meaning, *shape) in rows:
             sizes = tuple(lengths.get(length, length) for length in shape)
-            self._add(name, meaning, times.get(kind, kind), sizes, is_time=kind in times)
+            self.add(name, times.get(kind, kind), meaning, *sizes, is_time=kind in times)
         return self
 
     def at(self, name: str) -> int:
         """Index of a field, for kernels."""
         return Index(self.fields[name].index)
 
-    def integer(self, name: str, meaning: str) -> int:
-        """Declare one integer."""
-        return self._add(name, meaning, "integer")
+    def add(
+        self, name: str, kind: Kind, meaning: str, *shape: str | int, is_time: bool = False
+    ) -> int:
+        """Declare one field: its index for kernels.
 
-    def address(self, name: str, meaning: str) -> int:
-        """Declare the address of a compiled function; 0 where there is none."""
-        return self._add(name, meaning, "address")
-
-    def array(self, name: str, meaning: str, *shape: str | int, is_time: bool = False) -> int:
-        """Declare a vector or, row by row, a matrix of numbers.
-
-        Its `shape`, of numbers and of names of integers, is what `unpacker` needs. An integer that
-        is not declared yet is declared here; `pack` takes it from the array.
+        The `shape` of an array, of numbers and of names of integers, is what `unpacker` needs. An
+        integer that is not declared yet is declared here; `pack` takes it from the array. The
+        address of a compiled function is 0 where there is none. A part is a memory of another
+        layout within this one.
         """
-        return self._add(name, meaning, "array", shape, is_time=is_time)
-
-    def integers(self, name: str, meaning: str, *shape: str | int) -> int:
-        """Declare a vector or matrix of integers; its `shape` as of `array`."""
-        return self._add(name, meaning, "integers", shape)
-
-    def part(self, name: str, meaning: str) -> int:
-        """Declare a memory of another layout within this one."""
-        return self._add(name, meaning, "part")
-
-    def scalar(self, name: str, meaning: str, *, is_time: bool = False) -> int:
-        """Declare one number."""
-        return self._add(name, meaning, "scalar", is_time=is_time)
+        for length in shape:
+            if isinstance(length, str) and length not in self.fields:
+                self.add(length, "integer", "length of arrays")
+        if name in self.fields or not name.isidentifier():
+            raise ValueError(f"field {name!r} is no name, or stands twice")
+        side = int(kind == "scalar")
+        index = self._sizes[side]
+        self._sizes[side] += PART_SIZE if kind == "part" else 1
+        self.fields[name] = Field(name, meaning, kind, index, is_time, shape)
+        return Index(index)
 
     def unpacker(self) -> Any:
         """Make ``m = unpack(numbers, memory)`` for kernels: numbers, and arrays as views, by name.
@@ -132,20 +125,6 @@ class Layout:
         """
         fields = (f for f in self.fields.values() if f.shape or f.kind in ("integer", "scalar"))
         return unpacker(tuple((f.name, f.kind, f.index, f.shape) for f in fields))
-
-    def _add(
-        self, name: str, meaning: str, kind: Kind, shape: Shape = (), *, is_time: bool = False
-    ) -> int:
-        for length in shape:
-            if isinstance(length, str) and length not in self.fields:
-                self.integer(length, "length of arrays")
-        if name in self.fields or not name.isidentifier():
-            raise ValueError(f"field {name!r} is no name, or stands twice")
-        side = int(kind == "scalar")
-        index = self._sizes[side]
-        self._sizes[side] += PART_SIZE if kind == "part" else 1
-        self.fields[name] = Field(name, meaning, kind, index, is_time, shape)
-        return Index(index)
 
     def pack(self, functions: Mapping[str, Any] | None = None, /, **values: Any) -> Memory:
         """Lay values out, by the names of their fields; `functions` stand at the addresses.

@@ -20,8 +20,8 @@ from truejoint.layout import Layout
 from truejoint.runtime import Corrector, Status
 
 LAYOUT = Layout()
-SECONDS = LAYOUT.scalar("seconds", "since the history started [s]")
-DEVIATIONS = LAYOUT.scalar("deviations", "that a half-width is; 0: none")
+SECONDS = LAYOUT.add("seconds", "scalar", "since the history started [s]")
+DEVIATIONS = LAYOUT.add("deviations", "scalar", "that a half-width is; 0: none")
 
 
 @compiled

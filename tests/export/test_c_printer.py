@@ -20,13 +20,13 @@ from truejoint.layout import Layout, Memory
 from .library import FLAGS, SAME_BITS, compile_c, needs_compiler
 
 LAYOUT = Layout()
-COUNT = LAYOUT.integer("count", "calls so far")
-MODE = LAYOUT.integer("mode", "which way")
-GAIN = LAYOUT.scalar("gain", "of the sum")
-X = LAYOUT.array("x", "input")
-W = LAYOUT.array("w", "weights (3, 3)")
-OUT = LAYOUT.array("out", "output")
-ORDER = LAYOUT.integers("order", "of the inputs")
+COUNT = LAYOUT.add("count", "integer", "calls so far")
+MODE = LAYOUT.add("mode", "integer", "which way")
+GAIN = LAYOUT.add("gain", "scalar", "of the sum")
+X = LAYOUT.add("x", "array", "input")
+W = LAYOUT.add("w", "array", "weights (3, 3)")
+OUT = LAYOUT.add("out", "array", "output")
+ORDER = LAYOUT.add("order", "integers", "of the inputs")
 
 
 @compiled

@@ -3,6 +3,7 @@ import re
 from contextlib import suppress
 from importlib import import_module
 from inspect import signature
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from pandas import Series
 import truejoint.studies
 from truejoint.errors import StudyError, TruejointError
 from truejoint.studies import STUDIES, Option, Part, PartResult, Results, Settings, Study, get_study
+from truejoint.studies.forceps import paper
+from truejoint.studies.raven2 import lasting, rivals, training
 from truejoint.studies.rows import mean_text
 from truejoint.studies.study import CLAIMS, TESTS, shown
 
@@ -138,6 +141,8 @@ def test_every_claim_of_the_papers_is_judged_by_a_study():
     folder = Path(truejoint.studies.__file__).parent
     code = "".join(path.read_text() for path in folder.glob("*/*.py"))
     named = re.compile(r"""CLAIMS\[f?"([^"]+)"\]""").findall(code)
+    for module in (lasting, paper, rivals, training):
+        named += chain(*(table for name, table in vars(module).items() if name.endswith("_CLAIMS")))
     patterns = [re.compile(re.sub(r"\{[^}]*\}", ".+", name) + "$") for name in named]
     for key, stated in CLAIMS.items():
         assert any(pattern.match(key) for pattern in patterns), key

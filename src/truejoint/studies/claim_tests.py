@@ -1,10 +1,10 @@
 """Claims as data, and the tests behind every verdict: errors of repetitions beside others, at 95 %.
 
-A `Pick` names errors (k,) by session: columns of their rows, two such whose ratio counts, or a
-function.
+A `Pick` names errors (k,) by session: columns of their rows, two such whose ratio counts, a limit
+for every session, or a function.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import product
 from typing import Any, Final
 
@@ -15,11 +15,12 @@ from scipy import stats
 
 from truejoint.array_types import Array
 from truejoint.studies.rows import select
-from truejoint.studies.study import LEVEL, Holds, Stated, Statement
+from truejoint.studies.study import CLAIMS, LEVEL, Claim, Holds, Statement
 
 Verdict = tuple[Holds, str]
 """Whether a claim holds, None where it is not told, and what was found."""
-Pick = Mapping[str, Any] | tuple[Mapping[str, Any], Mapping[str, Any]] | Callable[..., Array]
+Judge = Callable[[DataFrame], Verdict]
+Pick = Mapping[str, Any] | Sequence[Mapping[str, Any]] | float | Callable[..., Array]
 
 NEAR: Final = 1.5
 """Factor within which an error is as a paper prints it."""
@@ -172,50 +173,53 @@ def errors(rows: Any, pick: Pick, **where: Any) -> Array:
     """Errors (k,) of every session that a `pick` names, in rows that have certain values."""
     if callable(pick):
         return pick(rows, **where)
-    if isinstance(pick, tuple):
-        above, base = (by_session(rows, **{**where, **one}) for one in pick)
-        return above / base
-    return by_session(rows, **{**where, **pick})
+    if isinstance(pick, float):
+        return np.full(rows.session.nunique(), pick)
+    if isinstance(pick, Mapping):
+        return by_session(rows, **{**where, **pick})
+    above, base = (by_session(rows, **{**where, **one}) for one in pick)
+    return above / base
 
 
-def limit(value: float) -> Pick:
-    """Give a limit for every session, as errors."""
-    return lambda rows, **_: np.full(rows.session.nunique(), value)
-
-
-def ordered(stated: Stated, low: Pick, high: Pick, **each: Sequence[Any]) -> Statement:
-    """Claim that one error is below another, for each combination of some columns' values.
+def ordered(
+    low: Pick, high: Pick, each: Mapping[str, Sequence[Any]], share: float | None = None
+) -> Judge:
+    """Judge whether one error is below another, for each combination of some columns' values.
 
     `each` gives columns that both errors share with their values, in the order of a pair's name.
+    With a `share`, it judges whether `high` is above `low` by at most that share of it.
     """
 
     def judge(rows: DataFrame) -> Verdict:
-        pairs = _pairs(rows, low, high, each)
-        return below_all([(a, b) for _, a, b in pairs]), pair_texts(pairs)
-
-    return Statement(stated, judge)
-
-
-def not_worse(
-    share: float, stated: Stated, first: Pick, second: Pick, **each: Sequence[Any]
-) -> Statement:
-    """Claim that a second error is above the first by at most a share of it; see `ordered`."""
-
-    def judge(rows: DataFrame) -> Verdict:
-        pairs, allowed = _pairs(rows, first, second, each), 1.0 + share
+        pairs = []
+        for key in product(*each.values()):
+            where = dict(zip(each, key, strict=True))
+            varied = [str(value) for column, value in where.items() if len(each[column]) > 1]
+            name = ", ".join(varied or map(str, key))
+            pairs.append((name, errors(rows, low, **where), errors(rows, high, **where)))
+        if share is None:
+            return below_all([(a, b) for _, a, b in pairs]), pair_texts(pairs)
+        allowed = 1.0 + share
         holds = below_all([(b, allowed * a) for _, a, b in pairs])
         return holds, f"{pair_texts(pairs, allowed)} (up to {100 * share:g} % more counts as none)"
 
-    return Statement(stated, judge)
+    return judge
 
 
-def _pairs(
-    rows: DataFrame, low: Pick, high: Pick, each: Mapping[str, Sequence[Any]]
-) -> list[tuple[str, Array, Array]]:
-    pairs = []
-    for key in product(*each.values()):
-        where = dict(zip(each, key, strict=True))
-        varied = [str(value) for column, value in where.items() if len(each[column]) > 1]
-        name = ", ".join(varied or map(str, key))
-        pairs.append((name, errors(rows, low, **where), errors(rows, high, **where)))
-    return pairs
+def statements(study: str, judges: Mapping[str, Judge]) -> dict[str, Statement]:
+    """Claims that a study judges, by key, in the papers' order.
+
+    A claim that has none of the `judges` is an order of errors, as ``claims.toml`` states it.
+    """
+    return {
+        key: Statement(stated, judges.get(key) or ordered(**stated.order or {}))
+        for key, stated in CLAIMS.items()
+        if stated.study == study
+    }
+
+
+def judged(
+    claims: Mapping[str, Statement], rows: DataFrame, on: str = "", without: Collection[str] = ()
+) -> list[Claim]:
+    """Judge claims, but those `without`, on rows; `on` names what they are of, among several."""
+    return [claim.judged(rows, on) for key, claim in claims.items() if key not in without]

@@ -259,6 +259,7 @@ class Stated(NamedTuple):
     test: str = "t"
     flaw: bool = False
     number: str = ""
+    order: Mapping[str, Any] | None = None
 
     def claim(self, holds: Holds, found: str, on: str = "", count: int = 0) -> Claim:
         """Claim with a verdict, told over `count` repetitions."""

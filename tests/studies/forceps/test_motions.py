@@ -19,7 +19,7 @@ def run():
 
 
 def test_the_columns_are_the_runs_with_units(run):
-    recording = record_forceps(specimen("A"), MOTION, seed=7, specimen="A", session="one")
+    recording = record_forceps(specimen("A"), MOTION, seed=7)
     assert recording.robot.name == "forceps"
     for column, values, unit in (
         ("measured/jaw", run.motor[:, 0] * 9.75 / (35 * 4.0), "rad"),
@@ -41,9 +41,8 @@ def test_the_columns_are_the_runs_with_units(run):
 
 
 def test_the_provenance_says_which_instrument_homing_and_load():
-    plain = record_forceps(specimen("A"), MOTION, seed=7, specimen="A", session="one").provenance
-    assert plain.source == "virtual forceps A, seed 7"
-    assert plain.session == "one"
+    plain = record_forceps(specimen("A"), MOTION, seed=7).provenance
+    assert plain.source == "virtual forceps, seed 7"
     assert plain.load == 0.0
     assert plain.rates == {"state": pytest.approx(200.0)}
     shifted = record_forceps(specimen("A"), MOTION, zero_shift=ZeroShift(reset=5e-6)).provenance
@@ -51,7 +50,7 @@ def test_the_provenance_says_which_instrument_homing_and_load():
     test = LoadTest(0.1, "along", start=0.1, speed=math.radians(60), loaded_from=1.0,
                     loaded_to=1.2, end=1.5)  # fmt: skip
     loaded = record_forceps(specimen("A"), test).provenance
-    assert loaded.load == 0.1
+    assert (loaded.load, loaded.session) == (0.1, "load 0")
     assert "100 g along" in loaded.notes
 
 

@@ -10,6 +10,7 @@ from truejoint.errors import StudyError
 from truejoint.estimators import NeuralNetwork, registry
 from truejoint.estimators.family import TARGETS
 from truejoint.studies import get_study, run_study
+from truejoint.studies.claim_tests import judged
 from truejoint.studies.raven2 import lasting, rivals, tables, training
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
@@ -113,14 +114,14 @@ def test_the_best_direction_is_found():
         made = (synthetic(own, session, condition=name) for (name, own), session in every)
         return DataFrame(chain.from_iterable(made))
 
-    found = {claim.stated.text: claim.judged(rows()) for claim in training.DIRECTIONS_CLAIMS}
+    found = {claim.text: claim for claim in judged(training.DIRECTIONS_CLAIMS, rows())}
     best = found["J2-J3 is the best direction over all joints and models"]
     assert best.verdict == "holds"
     assert "J2-J3 13.3 %" in best.found
     assert found["trained on J2-J3, the network errs least in every joint"].holds
     assert found["joint 3: all models are best on J3"].holds is False
     fine["J1"] = {**usual, "dnn": 0.05, "poly2": 0.05, "linear": 0.05}
-    best = training.DIRECTIONS_CLAIMS[0].judged(rows())
+    best = training.DIRECTIONS_CLAIMS["best-direction"].judged(rows())
     assert best.verdict == "does not"
     assert "number 2 of 7" in best.found
 
@@ -129,7 +130,7 @@ def test_six_hours_are_judged_hour_by_hour(drawn, tmp_path):
     result = run_study("endurance", ONE | {"sets": "1", "hours": 2}, folder=tmp_path)
     assert result.rows.groupby("work").hour.nunique().tolist() == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
-    assert texts == [claim.stated.text for claim in lasting.ENDURANCE_CLAIMS]
+    assert texts == [claim.stated.text for claim in lasting.ENDURANCE_CLAIMS.values()]
     assert drawn(result)
     targets = run_study("targets", ONE | {"sets": "1", "hours": 2}, folder=tmp_path)
     assert targets.computed == 0, "the same hours"
@@ -161,7 +162,7 @@ def test_hours_that_grow_are_told():
                         row["rmse"] *= factor if row["joint"] == "shoulder" else 1.0
                     rows += own
         found = lasting.by_training(DataFrame(rows))
-        return {claim.stated.text: claim.judged(found).holds for claim in lasting.ENDURANCE_CLAIMS}
+        return {claim.text: claim.holds for claim in judged(lasting.ENDURANCE_CLAIMS, found)}
 
     drift = "joint 1 drifts most: its error grows by the largest factor"
     grown = verdicts(idle=(1, 1), unloaded=(1, 2), loaded=(1, 4))
@@ -213,7 +214,7 @@ def test_more_time_is_judged_by_the_seconds_it_takes(drawn):
     assert conditions[3].startswith("2, ")
     assert len(result.summary.claims) == len(training.SPARSITY_CLAIMS)
     assert drawn(result)
-    spread = training.SPARSITY_CLAIMS[-1]
+    spread = training.SPARSITY_CLAIMS["polynomial-scatters"]
 
     def judged(poly2, *others):
         sessions = DataFrame({"poly2": poly2, "dnn": others[0], "linear": others[-1]})

@@ -35,8 +35,8 @@ DEPTH: Final = 4
 """How deep a sum may stand within sums."""
 
 LAYOUT: Final = Layout().declare(__package__, "stack")
-_ROWS: Final = [LAYOUT.address(f"row_{i}", "prediction of a member") for i in range(MAX_MEMBERS)]
-_PARTS: Final = [LAYOUT.part(f"member_{i}", "of the sum") for i in range(MAX_MEMBERS)]
+_ROWS: Final = [LAYOUT.add(f"row_{i}", "address", "of a member's row") for i in range(MAX_MEMBERS)]
+_PARTS: Final = [LAYOUT.add(f"member_{i}", "part", "of the sum") for i in range(MAX_MEMBERS)]
 ROW, MEMBER = _ROWS[0], _PARTS[0]
 unpack = LAYOUT.unpacker()
 

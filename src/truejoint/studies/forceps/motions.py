@@ -98,18 +98,14 @@ def record_forceps(
     motion: str | ArrayLike | LoadTest,
     *,
     seed: int = 0,
-    log_rate: float = 200.0,
     zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
     load: SwingingLoad = SwingingLoad(0.0),  # noqa: B008  # frozen
-    specimen: str = "",
-    session: str = "",
 ) -> Recording:
     """Record a motion of the virtual forceps: what a laboratory would have of it, and its truth.
 
     The motion is one of the paper, ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``,
     a period of (27), or the load test of IV-D; or ``"nested"``, our own `nested_motion`; or angles.
-    Other arguments, and what is raised, are those of `simulate_forceps`; `specimen` names the
-    instrument and `session` the recording session, for the provenance.
+    Other arguments, and what is raised, are those of `simulate_forceps`.
 
     Columns are ``measured/jaw`` (the motor's angle seen at the jaw, ``R phi_m / (z_i r)``),
     ``setpoint/jaw``, ``motor/jaw`` [rad], ``cable/drive`` and ``cable/reset`` (``x1`` and ``x2``
@@ -120,21 +116,15 @@ def record_forceps(
     >>> len(record_forceps(ForcepsParameters.read(), "verification", seed=1))
     12967
     """
-    path, mass, notes = motion, load.mass, ""
+    path, mass, session, notes = motion, load.mass, "", ""
     if isinstance(motion, LoadTest):
-        session = session or f"load {seed}"
+        session = f"load {seed}"
         mass, angle = motion.mass, math.degrees(motion.angle)
         notes = f"load test: {1e3 * mass:g} g {motion.direction} the motion to {angle:g} deg"
     elif isinstance(motion, str):
-        session, path = session or f"{motion} {seed}", trajectory(motion).positions[:, 0]
-    run = simulate_forceps(
-        parameters,
-        cast("Any", path),
-        seed=seed,
-        log_rate=log_rate,
-        zero_shift=zero_shift,
-        load=load,
-    )
+        session, path = f"{motion} {seed}", trajectory(motion).positions[:, 0]
+    drive = cast("Any", path)
+    run = simulate_forceps(parameters, drive, seed=seed, zero_shift=zero_shift, load=load)
     columns = {
         "t": run.t,
         **{name: values for name, values in run.columns().items() if "velocity" not in name},
@@ -142,7 +132,7 @@ def record_forceps(
     }
     provenance = Provenance(
         robot="forceps",
-        source=f"virtual forceps {specimen}".rstrip() + f", seed {seed}",
+        source=f"virtual forceps, seed {seed}",
         session=session,
         homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
         f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",

@@ -1,7 +1,7 @@
 """Tables 2 and 3, figures 6, 7 and 9 of yan2020: the jaw without a load, and under weights."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -19,19 +19,8 @@ from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, load_test, record, trajectory
 from truejoint.studies.rows import frame_table, reported, reported_text, select, unique
-from truejoint.studies.study import (
-    CLAIMS,
-    Part,
-    PartResult,
-    Results,
-    Rows,
-    Settings,
-    Statement,
-    Summary,
-)
+from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
-
-Judge = Callable[[DataFrame], claims.Verdict]
 
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
 _PRINTED: Final = {"largest": "max", "smallest": "min", "rms": "rms"}
@@ -114,8 +103,10 @@ def unloaded_summary(results: Results) -> Summary:
         title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
     )
     figure = _unloaded_figure(results.arrays["unloaded-0"], name)
-    chosen = (*FILTER_CLAIMS, *(PAPERS_CLAIMS if set(m.PAPERS) <= set(rows.index) else ()))
-    judged = [c.judged(sized(results.rows)) for c in chosen] if m.PAPERS_BEST in rows.index else []
+    if m.PAPERS_BEST not in rows.index:
+        return Summary((table,), {"forceps-unloaded": figure})
+    without = () if set(m.PAPERS) <= set(rows.index) else _OF_LEAST_SQUARES
+    judged = claims.judged(UNLOADED_CLAIMS, sized(results.rows), without=without)
     return Summary((table,), {"forceps-unloaded": figure}, judged)
 
 
@@ -128,7 +119,7 @@ def sized(rows: DataFrame) -> DataFrame:
     return long.assign(session=long.draw, rmse=np.degrees(long.rmse))
 
 
-def _sizes(table: str, method: str, run: str = "verification") -> Judge:
+def _sizes(table: str, method: str, run: str = "verification") -> claims.Judge:
     """Judge whether a method's largest, least and RMS errors are those that a table prints."""
 
     def judge(rows: DataFrame) -> claims.Verdict:
@@ -142,7 +133,7 @@ def _sizes(table: str, method: str, run: str = "verification") -> Judge:
     return judge
 
 
-def _saving(size: str, printed: float) -> Judge:
+def _saving(size: str, printed: float) -> claims.Judge:
     """Judge whether the filter's error is below that of compensated least squares by so much."""
 
     def judge(rows: DataFrame) -> claims.Verdict:
@@ -159,24 +150,22 @@ def _next(rows: DataFrame, method: str, **where: Any) -> Array:
     return claims.by_session(rows, method=m.PAPERS[m.PAPERS.index(method) + 1], **where)
 
 
-_FILTERS: Final[dict[str, Any]] = {"method": (m.PAPERS_BEST,), "motion": ("verification",)}
-_OTHERS: Final = {**_FILTERS, "method": m.PAPERS[:2], "size": ("rms",)}
-FILTER_CLAIMS: Final = (
-    Statement(CLAIMS["27-sizes"], _sizes("figure 6", m.PAPERS_BEST, "calibration")),
-    Statement(CLAIMS["28-sizes"], _sizes("2", m.PAPERS_BEST)),
-    claims.ordered(CLAIMS["28-above-27"], {"motion": "calibration"}, {}, **_FILTERS, size=("rms",)),
-    claims.ordered(CLAIMS["28-rms"], {}, claims.limit(0.2), **_FILTERS, size=("rms",)),
-    claims.ordered(CLAIMS["28-largest"], {}, claims.limit(0.5), **_FILTERS, size=("farthest",)),
-    claims.ordered(CLAIMS["reversals"], {"size": "between"}, {"size": "reversing"}, **_FILTERS),
+_OTHERS: Final = {"method": m.PAPERS[:2], "motion": ("verification",), "size": ("rms",)}
+UNLOADED_CLAIMS: Final = claims.statements(
+    "forceps-unloaded",
+    {
+        "27-sizes": _sizes("figure 6", m.PAPERS_BEST, "calibration"),
+        "28-sizes": _sizes("2", m.PAPERS_BEST),
+        "lsm-sizes": _sizes("2", m.PAPERS[0]),
+        "compensated-sizes": _sizes("2", m.PAPERS[1]),
+        "order": claims.ordered(_next, {}, _OTHERS),
+        "49-percent": _saving("amplitude", 0.49),
+        "54-percent": _saving("rms", 0.54),
+    },
 )
-PAPERS_CLAIMS: Final = (
-    Statement(CLAIMS["lsm-sizes"], _sizes("2", m.PAPERS[0])),
-    Statement(CLAIMS["compensated-sizes"], _sizes("2", m.PAPERS[1])),
-    claims.ordered(CLAIMS["order"], _next, {}, **_OTHERS),
-    Statement(CLAIMS["49-percent"], _saving("amplitude", 0.49)),
-    Statement(CLAIMS["54-percent"], _saving("rms", 0.54)),
-    claims.ordered(CLAIMS["one-sensor"], {"method": m.PAPERS_BEST}, {}, **_OTHERS),
-)
+_OF_LEAST_SQUARES: Final = (
+    "lsm-sizes", "compensated-sizes", "order", "49-percent", "54-percent", "one-sensor",
+)  # fmt: skip
 
 
 def _unloaded_figure(arrays: Mapping[str, Array], name: str) -> Figure:
@@ -310,16 +299,18 @@ def loaded_summary(results: Results) -> Summary:
             paper=paper(["I"], "max", "min"),
         ),
     )  # fmt: skip
-    chosen = (*LOADED_CLAIMS, *(LIGHT if (rows.mass < _LIGHT).any() else ()))
-    judged = [c.judged(rows) for c in chosen] if m.PAPERS_BEST in methods else []
-    return Summary(tables, _loaded_figures(results, methods, specimen), judged)
+    figures = _loaded_figures(results, methods, specimen)
+    if m.PAPERS_BEST not in methods:
+        return Summary(tables, figures)
+    without = () if (rows.mass < _LIGHT).any() else ("light",)
+    return Summary(tables, figures, claims.judged(LOADED_CLAIMS, rows, without=without))
 
 
 def _printed(condition: str, metric: str) -> str:
     return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
 
 
-def _within(phase: str, limit: float, lightest: float = math.inf) -> Judge:
+def _within(phase: str, limit: float, lightest: float = math.inf) -> claims.Judge:
     """Judge whether the filter's error in a phase, or the jaw's turn, stays below a limit [deg].
 
     The largest of the weights below one [kg], in each direction: the paper does not say which way
@@ -346,7 +337,7 @@ def _while_hung(rows: DataFrame) -> claims.Verdict:
     """Whether the error's standard deviation is larger in phase III than in every other one."""
     rows = rows.assign(rmse=np.degrees(rows.deviation))
     each = {"load": unique(rows, "load"), "phase": JUDGED, "method": (m.PAPERS_BEST,)}
-    return claims.ordered(CLAIMS["phase-3"], {}, {"phase": _HAND}, **each).judge(rows)
+    return claims.ordered({}, {"phase": _HAND}, each)(rows)
 
 
 def _as_table_3(rows: DataFrame) -> claims.Verdict:
@@ -366,15 +357,17 @@ def _as_table_3(rows: DataFrame) -> claims.Verdict:
     )
 
 
-LOADED_CLAIMS: Final = (
-    Statement(CLAIMS["table-3"], _as_table_3),
-    Statement(CLAIMS["phase-1"], _within("I", 0.2)),
-    Statement(CLAIMS["phase-2"], _within("II", 0.2)),
-    Statement(CLAIMS["phase-3"], _while_hung),
-    Statement(CLAIMS["phase-4"], _within("IV", 0.5)),
+LOADED_CLAIMS: Final = claims.statements(
+    "forceps-loaded",
+    {
+        "phase-1": _within("I", 0.2),
+        "phase-2": _within("II", 0.2),
+        "phase-3": _while_hung,
+        "phase-4": _within("IV", 0.5),
+        "light": _within("", 0.5, _LIGHT),
+        "table-3": _as_table_3,
+    },
 )
-LIGHT: Final = (Statement(CLAIMS["light"], _within("", 0.5, _LIGHT)),)
-"""Of weights below 50 g."""
 
 
 def _loaded_figures(results: Results, methods: Sequence[str], name: str) -> dict[str, Figure]:

@@ -14,10 +14,10 @@ from truejoint.estimators.family import TARGETS
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
-from truejoint.studies.raven2.sessions import IDLE, LOADED, UNLOADED, WORKS
+from truejoint.studies.raven2.sessions import LOADED, UNLOADED, WORKS
 from truejoint.studies.raven2.training import by_length
 from truejoint.studies.rows import select, unique
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
 _DRAWN: Final = {
@@ -91,9 +91,7 @@ def endurance_summary(results: Results, title: str, rows: DataFrame) -> Summary:
         f"trajectories-{title}": _trajectories(title, works, results.arrays[f"{title}-0"]),
     }
     whole = set(WORKS) <= set(works) and settings["hours"] > 1
-    return Summary(
-        made, figures, [c.judged(rows, title) for c in ENDURANCE_CLAIMS] if whole else ()
-    )
+    return Summary(made, figures, claims.judged(ENDURANCE_CLAIMS, rows, title) if whole else ())
 
 
 def _printed(work: str, condition: str, joint: str, method: str) -> float | None:
@@ -133,7 +131,7 @@ def _as_table_3(rows: DataFrame) -> claims.Verdict:
 def _length_gain(rows: DataFrame) -> claims.Verdict:
     """Whether long trainings are better by a fifth, geometric mean over joints and all works."""
     texts, pairs = [], []
-    gain = _LONG, _SHORT
+    gain = {"training": LONGEST}, {"training": SHORTEST}
     for method in ("dnn", "linear", "poly2"):
         logs = [
             np.log(claims.errors(rows, gain, work=work, joint=joint, method=method))
@@ -148,48 +146,12 @@ def _length_gain(rows: DataFrame) -> claims.Verdict:
     return claims.below_all(pairs), f"{', '.join(texts)} after the longest than the shortest"
 
 
-_LONG, _SHORT = {"training": LONGEST}, {"training": SHORTEST}
-_FIRST, _LAST = _LONG | {"when": "first"}, _LONG | {"when": "last"}
-_WORKED: Final = (UNLOADED, LOADED)
-_SHOULDER, _OTHERS, _OF_SHOULDER = s.JOINTS[:1], s.JOINTS[1:], {"joint": s.JOINTS[0]}
-_NETWORK, _LINEAR = ({"method": method} for method in s.TWO)
-ENDURANCE_CLAIMS: Final = (
-    Statement(CLAIMS["table-3-hours"], _as_table_3),
-    claims.not_worse(
-        0.15, CLAIMS["idle"],
-        _FIRST, _LAST, work=(IDLE,), method=(*s.TWO, "offset"), joint=s.JOINTS,
-    ),
-    claims.ordered(CLAIMS["work-1"], _FIRST, _LAST, work=_WORKED, method=s.TWO, joint=_SHOULDER),
-    claims.ordered(
-        CLAIMS["drift-1"], (_LAST, _FIRST), (_LAST | _OF_SHOULDER, _FIRST | _OF_SHOULDER),
-        work=_WORKED, method=s.TWO, joint=_OTHERS,
-    ),
-    claims.ordered(
-        CLAIMS["load-1"],
-        _LAST | {"work": UNLOADED}, _LAST | {"work": LOADED}, method=s.CORRECTED, joint=_SHOULDER,
-    ),
-    claims.ordered(
-        CLAIMS["offset-1"], _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_SHOULDER,
-    ),
-    claims.not_worse(
-        0.1, CLAIMS["offset-2-3"], _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_OTHERS,
-    ),
-    Statement(CLAIMS["long-trainings"], _length_gain),
-    claims.ordered(
-        CLAIMS["polynomial-fails"],
-        _LONG | {"method": "offset"}, _LONG | {"method": "poly2"}, work=WORKS, joint=_OTHERS,
-    ),
-    claims.ordered(
-        CLAIMS["loaded-network"], _LONG | _NETWORK, _LONG | _LINEAR, work=(LOADED,), joint=s.JOINTS,
-    ),
-    claims.ordered(
-        CLAIMS["shortest-network"],
-        _SHORT | _NETWORK, _SHORT | _LINEAR, work=_WORKED, joint=s.JOINTS,
-    ),
-)  # fmt: skip
+ENDURANCE_CLAIMS: Final = claims.statements(
+    "endurance", {"table-3-hours": _as_table_3, "long-trainings": _length_gain}
+)
 
 
-NONE, ONE = SEEN = ("none", "one")
+SEEN: Final = ("none", "one")
 """Homings amid the training."""
 
 
@@ -199,7 +161,7 @@ def homing_parts(settings: Settings) -> Sequence[Part]:
     if len(divisions) < 2:
         raise StudyError(f"training={settings['training']}: two zig-zags or more see a homing")
     more = {"seconds": 60.0 * settings["minutes"], "divisions": divisions}
-    cases = {seen: {"seen": seen == ONE} for seen in SEEN}
+    cases = {seen: {"seen": seen == "one"} for seen in SEEN}
     return s.part_for_each(
         settings, home_again, 400_000, "networks", "homings", more=more, cases=cases
     )
@@ -246,24 +208,8 @@ def homing_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
     caption = "RMSE of a random motion after each homing; median over the sessions."
     look = {"condition": "homings", "by": "name", "x": "homings since"}
     figure = tables.joint_figure(name, drawn, caption, by_condition, **look)
-    judged = [claim.judged(rows, title) for claim in HOMING_CLAIMS]
+    judged = claims.judged(HOMING_CLAIMS, rows, title)
     return Summary((table,), {f"homing-{title}": figure}, judged)
 
 
-_BEFORE, _AFTER = {"homings": 0}, {"homed_since": True}
-HOMING_CLAIMS: Final = (
-    claims.ordered(
-        CLAIMS["homing-2"], _BEFORE, _AFTER, method=s.TWO, seen=("none seen",), joint=("elbow",),
-    ),
-    claims.ordered(
-        CLAIMS["homing-seen-2"],
-        _AFTER | {"case": ONE}, _AFTER | {"case": NONE}, method=s.TWO, joint=("elbow",),
-    ),
-    *(
-        claims.not_worse(
-            0.2, CLAIMS[f"homing-{number}"], _BEFORE, _AFTER,
-            method=s.TWO, seen=("none seen", "one seen"), joint=(joint,),
-        )
-        for number, joint in ((1, "shoulder"), (3, "insertion"))
-    ),
-)  # fmt: skip
+HOMING_CLAIMS: Final = claims.statements("homing", {})

@@ -2,9 +2,9 @@
 
 import time
 import timeit
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from itertools import product
+from itertools import chain, product
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +21,7 @@ from truejoint.runtime import Corrector
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import frame_table, reported, reported_text
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
 WHEN: Final = ("first", "last")
@@ -89,12 +89,13 @@ def errors_of(estimate: Array, test: Recording, **labels: str) -> Rows:
 
 def rivals_summary(results: Results) -> Summary:
     """Tables III and IV beside the paper's and those that it quotes."""
-    judged = RIVALS_CLAIMS if set(s.TWO) <= set(results.settings["models"]) else ()
     rows = results.rows.assign(rmse=results.rows.rmse * results.rows.quantity.map(_SCALES))
     by_specimen = [(str(title), group) for title, group in rows.groupby("specimen", sort=False)]
     made = [_table(title, group, table) for title, group in by_specimen for table in ("III", "IV")]
-    stated = [claim.judged(group, title) for title, group in by_specimen for claim in judged]
-    return Summary(made, claims=stated)
+    if not set(s.TWO) <= set(results.settings["models"]):
+        return Summary(made)
+    judged = [claims.judged(RIVALS_CLAIMS, group, title) for title, group in by_specimen]
+    return Summary(made, claims=list(chain.from_iterable(judged)))
 
 
 def _table(title: str, rows: DataFrame, table: str) -> Table:
@@ -155,21 +156,20 @@ def _quoted(*sources: tuple[str, str, str]) -> claims.Pick:
     return pick
 
 
-RIVALS_CLAIMS: Final = (
-    Statement(CLAIMS["table-4"], _as_table_4),
-    claims.ordered(
-        CLAIMS["below-haghighipanah"],
-        {"when": "last"}, _quoted(_OTHERS[0]), method=s.TWO, quantity=s.JOINTS,
-    ),
-    claims.ordered(
-        CLAIMS["below-mahler-peng"],
-        {"when": "first"}, _quoted(*_OTHERS[-2:]), method=s.TWO, quantity=_AXES[:3],
-    ),
-    claims.ordered(
-        CLAIMS["below-hwang"], {"when": "first"}, _quoted(("IV", "dVRK Hwang 2022 pick", "rnn")),
-        method=s.TWO, quantity=("distance",),
-    ),
-)  # fmt: skip
+def _below(when: str, quantities: Sequence[str], *sources: tuple[str, str, str]) -> claims.Judge:
+    each = {"method": s.TWO, "quantity": quantities}
+    return claims.ordered({"when": when}, _quoted(*sources), each)
+
+
+RIVALS_CLAIMS: Final = claims.statements(
+    "state-of-the-art",
+    {
+        "below-haghighipanah": _below("last", s.JOINTS, _OTHERS[0]),
+        "below-mahler-peng": _below("first", _AXES[:3], *_OTHERS[-2:]),
+        "below-hwang": _below("first", _AXES[3:], ("IV", "dVRK Hwang 2022 pick", "rnn")),
+        "table-4": _as_table_4,
+    },
+)
 
 
 SERVO: Final = 1e-3
@@ -247,12 +247,9 @@ def timing_summary(results: Results) -> Summary:
         "one thread, of the machine that ran this, with whatever else it did.",
         "The paper's are of a 2.2 GHz Xeon and a framework's call for each sample.",
     )
-    judged = TIMING_CLAIMS if set(s.TWO) <= set(times.index) else ()
+    judged = claims.judged(TIMING_CLAIMS, rows) if set(s.TWO) <= set(times.index) else ()
     title = "peng2024 Table V: time"
-    return Summary(
-        (frame_table(title, table, notes, decimals=2, head="model"),),
-        claims=[c.judged(rows) for c in judged],
-    )
+    return Summary((frame_table(title, table, notes, decimals=2, head="model"),), claims=judged)
 
 
 def _of(rows: DataFrame, method: str, column: str) -> Array:
@@ -268,7 +265,7 @@ def _fits(rows: DataFrame) -> claims.Verdict:
     )
 
 
-def _servo(name: str, *, expected: bool) -> Callable[[DataFrame], claims.Verdict]:
+def _servo(name: str, *, expected: bool) -> claims.Judge:
     def judge(rows: DataFrame) -> claims.Verdict:
         late = _of(rows, name, "step_99")
         text = f"{1e6 * np.median(late):.1f} us at 99 %"
@@ -277,7 +274,7 @@ def _servo(name: str, *, expected: bool) -> Callable[[DataFrame], claims.Verdict
     return judge
 
 
-def _speed(name: str, seconds: float) -> Callable[[DataFrame], claims.Verdict]:
+def _speed(name: str, seconds: float) -> claims.Judge:
     def judge(rows: DataFrame) -> claims.Verdict:
         own = 1e6 * _of(rows, name, "step")
         return claims.matches([(f"{name}, a sample [us]", own, 1e6 * seconds)])
@@ -295,12 +292,15 @@ def _faster(rows: DataFrame, times: float = 1.0) -> claims.Verdict:
     return claims.below(times, network / linear), text
 
 
-TIMING_CLAIMS: Final = (
-    Statement(CLAIMS["fit-times"], _fits),
-    Statement(CLAIMS["servo-linear"], _servo("linear", expected=True)),
-    Statement(CLAIMS["servo-network"], _servo("dnn", expected=False)),
-    Statement(CLAIMS["speed-network"], _speed("dnn", 61e-3)),
-    Statement(CLAIMS["speed-linear"], _speed("linear", 0.38e-3)),
-    Statement(CLAIMS["faster-linear"], _faster),
-    Statement(CLAIMS["160-times"], partial(_faster, times=_TIMES / 2.0)),
-)  # fmt: skip
+TIMING_CLAIMS: Final = claims.statements(
+    "timing",
+    {
+        "fit-times": _fits,
+        "servo-linear": _servo("linear", expected=True),
+        "servo-network": _servo("dnn", expected=False),
+        "speed-network": _speed("dnn", 61e-3),
+        "speed-linear": _speed("linear", 0.38e-3),
+        "faster-linear": _faster,
+        "160-times": partial(_faster, times=_TIMES / 2.0),
+    },
+)

@@ -1,6 +1,6 @@
 """II-C to II-F, II-H, II-J of peng2024: what is trained on, what a model sees and predicts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -19,16 +19,7 @@ from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
 from truejoint.studies.rows import select
-from truejoint.studies.study import (
-    CLAIMS,
-    Part,
-    Results,
-    Rows,
-    Settings,
-    Statement,
-    Summary,
-    get_study,
-)
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary, get_study
 
 FITTED_TO: Final = ("J1", "J2-J3")
 """Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
@@ -77,9 +68,9 @@ def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary
     caption = "RMSE on a random motion by direction of the zig-zags."
     drawn = select(rows, method=s.CORRECTED)
     figure = tables.joint_boxes(name, drawn, caption, "condition")
-    judged = DIRECTIONS_CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
-    stated = [claim.judged(rows, title) for claim in judged]
-    return Summary(made, {f"directions-{title}": figure}, stated)
+    every = set(DIRECTIONS) <= set(chosen)
+    judged = claims.judged(DIRECTIONS_CLAIMS, rows, title) if every else ()
+    return Summary(made, {f"directions-{title}": figure}, judged)
 
 
 def _best_overall(fine: DataFrame) -> claims.Verdict:
@@ -92,7 +83,7 @@ def _best_overall(fine: DataFrame) -> claims.Verdict:
     return holds, f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
 
 
-def _best_of_joint(joint: int, *expected: str) -> Callable[[DataFrame], claims.Verdict]:
+def _best_of_joint(joint: int, *expected: str) -> claims.Judge:
     """Whether the `expected` direction of each of `MODELS` errs least in a joint."""
 
     def judge(fine: DataFrame) -> claims.Verdict:
@@ -127,34 +118,22 @@ def _percents(shares: Array) -> str:
     return ", ".join(f"{v:.0f} %" for v in shares.mean(axis=0))
 
 
-_NETWORK, _LINEAR, _OFFSET = ({"method": method} for method in (*s.TWO, "offset"))
-_ON_BEST: Final = {"condition": s.BEST}
 _ROWS: Final = ("network", "polynomial", "linear", "offset", "raw")
-DIRECTIONS_CLAIMS: Final = (
-    Statement(CLAIMS["best-direction"], _best_overall),
-    Statement(CLAIMS["best-joint-1"], _best_of_joint(0, "J2-J3", "J1-J3", "J2-J3")),
-    Statement(CLAIMS["best-joint-2"], _best_of_joint(1, "J2-J3", "J1-J2-J3", "J1-J2-J3")),
-    Statement(CLAIMS["best-joint-3"], _best_of_joint(2, "J3", "J3", "J3")),
-    claims.ordered(
-        CLAIMS["network-least"],
-        _ON_BEST | _NETWORK, _ON_BEST, joint=s.JOINTS, method=("poly2", "linear"),
-    ),
-    Statement(CLAIMS["a-quarter"], _removed),
-    Statement(CLAIMS["offset-of-raw"], _offset_of_raw),
-    *(
-        Statement(CLAIMS[f"table-1-{name}"], tables.as_printed(_printed, (method,)))
-        for name, method in zip(_ROWS, s.METHODS, strict=True)
-    ),
-    claims.ordered(
-        CLAIMS["fresh-1-2"], _ON_BEST | {"joint": s.JOINTS[0]}, _ON_BEST | {"joint": s.JOINTS[1]},
-        method=s.TWO,
-    ),
-    claims.ordered(
-        CLAIMS["gain-3"], (_ON_BEST, _ON_BEST | _OFFSET),
-        (_ON_BEST | {"joint": s.JOINTS[2]}, _ON_BEST | _OFFSET | {"joint": s.JOINTS[2]}),
-        method=s.TWO, joint=s.JOINTS[:2],
-    ),
-)  # fmt: skip
+DIRECTIONS_CLAIMS: Final = claims.statements(
+    "directions",
+    {
+        "best-direction": _best_overall,
+        "best-joint-1": _best_of_joint(0, "J2-J3", "J1-J3", "J2-J3"),
+        "best-joint-2": _best_of_joint(1, "J2-J3", "J1-J2-J3", "J1-J2-J3"),
+        "best-joint-3": _best_of_joint(2, "J3", "J3", "J3"),
+        "a-quarter": _removed,
+        "offset-of-raw": _offset_of_raw,
+        **{
+            f"table-1-{name}": tables.as_printed(_printed, (method,))
+            for name, method in zip(_ROWS, s.METHODS, strict=True)
+        },
+    },
+)
 
 
 def of_endurance(settings: Settings) -> Sequence[Part]:
@@ -188,9 +167,8 @@ def sparsity_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
     table = tables.accuracy_table(name, rows, s.CORRECTED, notes=(tables.ZIGZAGS, claims.RULE))
     caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
     figure = tables.joint_boxes(name, select(rows, method=s.CORRECTED), caption, "place")
-    return Summary(
-        (table,), {f"sparsity-{title}": figure}, [c.judged(rows, title) for c in SPARSITY_CLAIMS]
-    )
+    judged = claims.judged(SPARSITY_CLAIMS, rows, title)
+    return Summary((table,), {f"sparsity-{title}": figure}, judged)
 
 
 def _spread(rows: DataFrame) -> claims.Verdict:
@@ -215,26 +193,9 @@ def _minutes(rows: DataFrame) -> claims.Verdict:
     return holds, f"{least.mean():.1f} to {most.mean():.1f} minutes; half a minute off counts as so"
 
 
-_SHORTEST, _LONGEST = {"when": "first"}, {"when": "last"}
-_SHOULDER, _ELBOW, _INSERTION = ((joint,) for joint in s.JOINTS)
-SPARSITY_CLAIMS: Final = (
-    Statement(CLAIMS["minutes"], _minutes),
-    claims.ordered(CLAIMS["longer-1"], _LONGEST, _SHORTEST, method=s.MODELS, joint=_SHOULDER),
-    claims.ordered(CLAIMS["longer-2"], _LONGEST, _SHORTEST, method=s.TWO, joint=_ELBOW),
-    claims.ordered(CLAIMS["longer-3"], _LONGEST, _SHORTEST, method=s.TWO, joint=_INSERTION),
-    claims.ordered(
-        CLAIMS["shortest-beats-offset"],
-        _SHORTEST, _SHORTEST | _OFFSET, method=s.TWO, joint=_SHOULDER,
-    ),
-    claims.ordered(
-        CLAIMS["data-hunger"], _SHORTEST | _NETWORK, _SHORTEST | _LINEAR, joint=s.JOINTS,
-    ),
-    claims.not_worse(
-        0.05, CLAIMS["offset-gains-nothing"],
-        _LONGEST, _SHORTEST, method=("offset",), joint=_SHOULDER,
-    ),
-    Statement(CLAIMS["polynomial-scatters"], _spread),
-)  # fmt: skip
+SPARSITY_CLAIMS: Final = claims.statements(
+    "sparsity", {"minutes": _minutes, "polynomial-scatters": _spread}
+)
 
 
 @tables.by_specimen
@@ -246,7 +207,7 @@ def targets_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     rows = rows.assign(condition=rows.target)
     name = f"peng2024 Table II, specimen {title}"
     table = tables.accuracy_table(name, rows, s.MODELS, _TABLE_2, notes)
-    return Summary((table,), claims=[claim.judged(rows, title) for claim in TARGETS_CLAIMS])
+    return Summary((table,), claims=claims.judged(TARGETS_CLAIMS, rows, title))
 
 
 def _difference(rows: DataFrame, **where: Any) -> Array:
@@ -255,21 +216,15 @@ def _difference(rows: DataFrame, **where: Any) -> Array:
     return np.asarray(np.abs(error - position) + error)
 
 
-_ERROR, _POSITION = ({"target": target} for target in TARGETS)
 _TABLE_2: Final = tables.printed("II", "target={}")
-TARGETS_CLAIMS: Final = (
-    Statement(CLAIMS["table-2"], tables.as_printed(_TABLE_2, s.TWO)),
-    claims.ordered(CLAIMS["target-network"], _ERROR, _POSITION, method=("dnn",), joint=s.JOINTS),
-    claims.not_worse(
-        1e-3, CLAIMS["target-same"],
-        _ERROR, _difference, method=("linear", "poly2"), joint=s.JOINTS,
-    ),
-    claims.ordered(CLAIMS["end-to-end"], _POSITION | _LINEAR, _POSITION | _NETWORK, joint=s.JOINTS),
-    claims.ordered(
-        CLAIMS["polynomial-most"],
-        _ERROR, _ERROR | {"method": "poly2"}, joint=s.JOINTS, method=s.TWO,
-    ),
-)  # fmt: skip
+_EITHER_WAY: Final = {"method": ("linear", "poly2"), "joint": s.JOINTS}
+TARGETS_CLAIMS: Final = claims.statements(
+    "targets",
+    {
+        "target-same": claims.ordered({"target": "error"}, _difference, _EITHER_WAY, 1e-3),
+        "table-2": tables.as_printed(_TABLE_2, s.TWO),
+    },
+)
 
 
 SELECTED: Final = "selected"
@@ -356,9 +311,8 @@ def features_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     caption = "RMSE over the hours by features and training."
     drawn = rows[rows.method.isin(methods) & (rows.method != "poly2")]
     figure = tables.joint_boxes(name, drawn, caption, "condition")
-    chosen = (*FEATURES_CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))
     longest = select(rows, place=rows.place.max())
-    judged = [claim.judged(longest, title) for claim in chosen]
+    judged = claims.judged(FEATURES_CLAIMS, longest, title, () if WIDE in methods else _OF_WIDE)
     return Summary((table,), {f"features-{title}": figure}, judged)
 
 
@@ -372,35 +326,14 @@ def _without(*kinds: str) -> claims.Pick:
     return pick
 
 
-_OF_ALL, _OF_SELECTED = {"kind": ALL}, {"kind": SELECTED}
-_OF_WIDE: Final = {"method": WIDE}
-FEATURES_CLAIMS: Final = (
-    claims.ordered(CLAIMS["all-network"], _OF_SELECTED, _OF_ALL, method=("dnn",), joint=s.JOINTS),
-    claims.ordered(CLAIMS["all-linear"], _OF_SELECTED, _OF_ALL, method=("linear",), joint=s.JOINTS),
-    claims.ordered(
-        CLAIMS["all-hurt-linear-most"],
-        (_OF_ALL | _NETWORK, _OF_SELECTED | _NETWORK), (_OF_ALL | _LINEAR, _OF_SELECTED | _LINEAR),
-        joint=s.JOINTS,
-    ),
-    claims.ordered(
-        CLAIMS["all-linear-offset"], _OF_ALL | _OFFSET, _OF_ALL | _LINEAR, joint=s.JOINTS,
-    ),
-    claims.not_worse(
-        0.05, CLAIMS["selected-enough"], _OF_ALL, _OF_SELECTED, method=("dnn",), joint=s.JOINTS,
-    ),
-    claims.ordered(
-        CLAIMS["torques-3"], _without(NO_TORQUES, NO_TORQUES, NO_POSITIONS),
-        _without(NO_POSITIONS, NO_POSITIONS, NO_TORQUES), joint=s.JOINTS,
-    ),
-)  # fmt: skip
-CAUSE: Final = claims.not_worse(
-    0.1,
-    CLAIMS["timeless"], _OF_SELECTED, {"kind": TIMELESS}, method=("linear",), joint=s.JOINTS[1:],
-)  # fmt: skip
-"""Why all features hurt: a fit of minutes is followed for hours along what grows all the time."""
-OF_WIDE: Final = (
-    claims.ordered(CLAIMS["wide-all"], _OF_ALL | _OF_WIDE, _OF_ALL | _NETWORK, joint=s.JOINTS),
-    claims.ordered(
-        CLAIMS["wide-selected"], _OF_SELECTED | _NETWORK, _OF_ALL | _OF_WIDE, joint=s.JOINTS,
-    ),
-)  # fmt: skip
+_OF_WIDE: Final = ("wide-all", "wide-selected")
+FEATURES_CLAIMS: Final = claims.statements(
+    "features",
+    {
+        "torques-3": claims.ordered(
+            _without(NO_TORQUES, NO_TORQUES, NO_POSITIONS),
+            _without(NO_POSITIONS, NO_POSITIONS, NO_TORQUES),
+            {"joint": s.JOINTS},
+        )
+    },
+)
