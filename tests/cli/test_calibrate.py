@@ -6,7 +6,7 @@ import pytest
 from tests.runtime.registered import model, wrist
 from tests.synthetic import build_recording
 
-from truejoint.calibration import read_calibration, write_calibration
+from truejoint.calibration import Automatic, read_calibration, write_calibration
 from truejoint.cli.fit_options import FitOptions
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording, write_parquet
@@ -63,6 +63,8 @@ def test_columns_that_check_are_chosen(call):
 )
 def test_features_that_suit_a_data_set_do_not_replace_an_estimators_own(name, features):
     assert FitOptions(estimator=name).suited_to(GRASPER).features == features
+    for dataset in (None, GRASPER):  # and take none of the time of a choice
+        assert FitOptions().unfitted(dataset).seconds == Automatic().seconds
 
 
 def test_what_was_identified_is_shown_with_its_deviation(call):

@@ -60,8 +60,7 @@ class FitOptions:
         candidates = truejoint.estimators.candidates()
         for candidate in candidates:
             candidate.set_params(**_suited(candidate.name, dataset))
-        suited = dataset is not None and not self.features
-        return truejoint.calibration.Automatic(candidates, suited)
+        return truejoint.calibration.Automatic(candidates)
 
     def inputs(self) -> truejoint.features.FeatureSet | None:
         """Features of their texts, where the name of a data set stands for those that suit it."""
