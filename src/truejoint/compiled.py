@@ -10,17 +10,18 @@ import logging
 import math
 import re
 import sys
+import time
 from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
-from numba.core import cgutils
+from numba.core import cgutils, event
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -188,6 +189,40 @@ def jit(**options: Any) -> Callable[[Kernel], Kernel]:
         return cast("Kernel", made)
 
     return decorate
+
+
+class _Compiling(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Processor and wall time that compiling and loading kernels took in this process [s]."""
+
+    def __init__(self) -> None:
+        self.depth, self.began, self.spent = 0, np.zeros(2), np.zeros(2)
+
+    def on_start(self, _: Any) -> None:
+        self.depth += 1
+        if self.depth == 1:
+            self.began = _times()
+
+    def on_end(self, _: Any) -> None:
+        self.depth -= 1
+        if self.depth == 0:
+            self.spent += _times() - self.began
+
+
+def _times() -> Array:
+    return np.array([time.process_time(), time.perf_counter()])
+
+
+_COMPILING: Final = _Compiling()
+event.register("numba:compiler_lock", _COMPILING)
+
+
+def working_times() -> Array:
+    """Processor and wall time (2,) [s], without what compiling kernels took; since any start.
+
+    The smaller difference is what work takes on a quiet machine: threads side by side count once,
+    and so does work while others have the processors.
+    """
+    return _times() - _COMPILING.spent
 
 
 @cache

@@ -61,6 +61,8 @@ def test_columns_that_check_are_chosen(call):
 )
 def test_features_that_suit_a_data_set_do_not_replace_an_estimators_own(name, features):
     assert FitOptions(estimator=name).suited_to(GRASPER).features == features
+    for dataset in (None, GRASPER):  # and take none of the time of a choice
+        assert FitOptions().unfitted(dataset).seconds == Automatic().seconds
 
 
 @pytest.mark.parametrize("dataset", [None, GRASPER])

@@ -11,7 +11,7 @@ from truejoint.evaluation.evaluate import part_by_time
 from truejoint.evaluation.paired_test import compare
 from truejoint.evaluation.results import Domain
 from truejoint.evaluation.verdict import PLAIN, advise, doubts_about, judge, objections_to
-from truejoint.recordings import DataCheck
+from truejoint.recordings import DataCheck, Recording
 
 
 def _scores(**chosen):
@@ -89,6 +89,12 @@ def test_another_file_at_the_same_time_was_not_seen(recording_of):
     test = recording_of("davinci_grasper", sha256="cd", source="a.csv")
     assert not list(objections_to(Origin(sessions=(Session.of(train),)), [test], WITHIN))
     assert not list(objections_to(Origin(), [test], WITHIN))
+    unnamed = recording_of("davinci_grasper")
+    columns = unnamed.table.assign(**{"measured/jaw": -unnamed.column("measured/jaw")})
+    other = Recording.from_columns(columns, unnamed.provenance, unnamed.units)
+    origin = Origin(sessions=(Session.of(unnamed),))
+    assert not list(objections_to(origin, [other], WITHIN))
+    assert list(objections_to(origin, [part_by_time(unnamed, 0.4, 0.5)], WITHIN))
 
 
 def test_another_homing_is_said(recording_of):

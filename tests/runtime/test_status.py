@@ -165,6 +165,17 @@ def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(correct
     assert not corrector.step(T[-1] + 1.0 / RATE, samples[-1]) & Status.ZERO_SUSPECT
 
 
+def test_a_motion_faster_than_any_in_training_is_no_slip(corrector, calibration):
+    limits = limits_of(calibration)
+    t = limits.training_dt * np.arange(120)
+    samples, phase = stream(t), np.maximum(0.4 * (np.arange(120) - 40), 0.0)
+    samples[40:, 0] = samples[40, 0]
+    samples[:, 0] += 2.0 * limits.reach[0] / 0.4 * (1.0 - np.cos(phase))
+    bits, *_ = run(corrector, t, samples)
+    assert (bits & Status.SPIKE).any()
+    assert not (bits & Status.ZERO_SUSPECT).any()
+
+
 def test_a_jump_too_small_for_the_rate_of_training_is_seen_at_that_of_the_loop(corrector):
     samples = stream(T)
     samples[FAULT:, 0] += 0.008  # the shoulder moves by as much from one row of training to another

@@ -34,6 +34,7 @@ from truejoint.calibration.folds import (
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error, known_error
+from truejoint.compiled import working_times
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.family import TARGETS, Target, evaluate
@@ -177,6 +178,11 @@ class CrossValidation:
         return usable
 
     @property
+    def seconds(self) -> float:
+        """Time that all fits took [s], see `working_times`."""
+        return sum(candidate.seconds for candidate in self.candidates)
+
+    @property
     def n_simple(self) -> int:
         """How many of the candidates, the first, are simple models."""
         return sum(candidate.is_simple for candidate in self.candidates)
@@ -310,7 +316,7 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
         if candidate.note or number in candidate.errors:
             continue
         say(place / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
-        began = time.process_time()
+        began = working_times()
         try:
             predicted = _predict(candidate, table, training, test)
             candidate.errors[number] = table.targets[test] - predicted
@@ -328,7 +334,7 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
                 square = np.where(table.usable[fitted], np.mean(simple**2, axis=1), np.inf)
                 best = np.argmin(square, axis=0)
                 candidate.errors[number] = simple[best, :, np.arange(len(best))].T
-        candidate.seconds += time.process_time() - began
+        candidate.seconds += float(np.min(working_times() - began))
     untried = np.full((len(test), table.targets.shape[1]), np.nan)
     errors = np.array([candidate.errors.get(number, untried) for candidate in table.candidates])
     if is_new := number == len(table.products):
@@ -511,8 +517,8 @@ class Automatic:
         Candidates; by default those of the registry. One with its own features is tried where the
         recordings have them; one that only works offline is not chosen.
     seconds : float
-        Processor time that the choice and the fit may take, about; raises CalibrationError for
-        what is no time.
+        Time that the choice and the fit may take, about: on a quiet machine, and without the time
+        that kernels take to compile on their first use. Raises CalibrationError for no time.
     tell : callable, optional
         Called with what is done next, in words.
 
@@ -525,7 +531,7 @@ class Automatic:
     """
 
     candidates: Sequence[Regressor] = field(default_factory=candidates)
-    seconds: float = 60.0
+    seconds: float = field(default=60.0, kw_only=True)
     tell: Callable[[str], None] | None = None
 
     def __post_init__(self) -> None:
@@ -585,11 +591,11 @@ def choose(
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
     say = automatic.say(progress)
-    ends = time.process_time() + _CHOICE_SHARE * automatic.seconds
-    _validate(table, left_out, ends, fit_task.within(say, 0.0, share))
+    budget = _CHOICE_SHARE * automatic.seconds
+    _validate(table, left_out, budget, fit_task.within(say, 0.0, share))
     judged = table.folds
     chosen = table.combined()
-    if tries_rates and len(judged) > 1 and time.process_time() < ends:
+    if tries_rates and len(judged) > 1 and table.seconds < budget:
         for number in np.flatnonzero(
             chosen[0].any(axis=1)
         ).tolist():  # once more, with rates beside
@@ -603,7 +609,7 @@ def choose(
             cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
         chosen = table.combined()
     is_few = FEW <= len(recordings) < SORTED_FROM and not any(fold.is_inside for fold in judged)
-    has_time = is_few and time.process_time() < ends
+    has_time = is_few and table.seconds < budget
     inner = _inside_errors(table, chosen[0], recordings) if has_time else []
     say(1.0, "Fitting what was chosen")
     evidence = _evidence(table, *chosen, names, inner) | {
@@ -667,11 +673,11 @@ def _candidates(
     return list(tried.values())
 
 
-def _validate(table: CrossValidation, left_out: Sequence[Fold], ends: float, say: Say) -> None:
-    """Fill the table until a time `ends` [s of the process]."""
+def _validate(table: CrossValidation, left_out: Sequence[Fold], budget: float, say: Say) -> None:
+    """Fill the table within a `budget` of time [s]."""
     for number, fold in enumerate(left_out):
         more = len(left_out) - number
-        if table.folds and not table.keep_within(ends - time.process_time(), more):
+        if table.folds and not table.keep_within(budget - table.seconds, more):
             break
         try:
             share = fit_task.within(say, number / len(left_out), 1.0 / len(left_out))

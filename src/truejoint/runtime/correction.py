@@ -17,7 +17,7 @@ from truejoint.layout import part_memory, part_numbers
 from truejoint.products import add_triangle
 from truejoint.runtime import fields as at
 from truejoint.runtime.fields import unpack
-from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SHORTEST_STEP, SLIP_SHARE
+from truejoint.runtime.limits import AT_ONCE, BRIEFLY, RATE_STEPS, SHORTEST_STEP, SLIP_SHARE
 from truejoint.runtime.status import Status
 
 MANY_LATE: Final = 10
@@ -303,9 +303,24 @@ def name_signals(numbers: Integers, memory: Array) -> int:
             status |= Status.OUT_OF_RANGE.value
         elif m.has_last and abs(value - m.last[i]) > farthest:
             status |= Status.SPIKE.value
-            m.spiked[i] = 1
+            if m.spiked[i] == 0:
+                m.spiked[i], m.spike[i] = 1, m.last[i]
+                m.spike_step[i], m.spike_peak[i] = value - m.last[i], 0.0
             numbers[at.HAS_SPIKED] = 1
+        follow_spike(numbers, memory, i)
     return status
+
+
+@compiled
+def follow_spike(numbers: Integers, memory: Array, i: int) -> None:
+    """Tell a jump of signal `i` from a fast motion, whose neighbouring changes are alike."""
+    m = unpack(numbers, memory)
+    if m.spiked[i] > 0:
+        change = m.sample[i] - m.spike[i]
+        m.spike_peak[i] = max(m.spike_peak[i], abs(change))
+        if abs(change - m.spike_step[i]) > AT_ONCE * m.spike_peak[i]:
+            m.spiked[i] = 2
+        m.spike[i], m.spike_step[i] = m.sample[i], change
 
 
 @compiled
@@ -363,9 +378,10 @@ def judge_slips(numbers: Integers, memory: Array) -> None:
     m = unpack(numbers, memory)
     steps = steps_passed(memory)
     for i in range(m.n_signals):
+        follow_spike(numbers, memory, i)
         farthest = max(m.jump[i], m.reach[i] * steps)
         is_off = abs(m.sample[i] - m.last[i]) > SLIP_SHARE * farthest
-        if m.spiked[i] and is_off and m.is_position_signal[i] and not m.was_stale:
+        if m.spiked[i] == 2 and is_off and m.is_position_signal[i] and not m.was_stale:
             numbers[at.SUSPECT] = Status.ZERO_SUSPECT.value
     forget_spikes(numbers, memory)
 

@@ -68,17 +68,9 @@ class OnFault:
 LAYOUT: Final = Layout().declare(__package__, "corrector")
 NEEDS_REZERO, HOMING, HOMING_ID, OWN_ID, IS_HOMED, TOLD_ID, WAS_LOST, REZEROED = map(
     LAYOUT.at,
-    (
-        "needs_rezero",
-        "homing",
-        "homing_id",
-        "own_id",
-        "is_homed",
-        "told_id",
-        "was_lost",
-        "rezeroed",
-    ),
-)
+    ("needs_rezero", "homing", "homing_id", "own_id", "is_homed", "told_id", "was_lost",
+     "rezeroed"),
+)  # fmt: skip
 HAS_STAMP, HAS_LAST, WAS_STALE, HAS_SPIKED, N_LATE, HAS_OUTPUT, IS_DOUBTED, SUSPECT, ANCHOR = map(
     LAYOUT.at,
     ("has_stamp", "has_last", "was_stale", "has_spiked", "n_late", "has_output", "is_doubted",

@@ -34,6 +34,9 @@ JUMP_MARGIN: Final = 3.0
 SLIP_SHARE: Final = 0.5
 """Of what it may change by, how much a measured position may still differ when it comes back from
 a jump: one that slipped stays a jump until the whole of that has grown to it."""
+AT_ONCE: Final = 2.0 / 3.0
+"""Share of its largest change by which a jumping position's neighbouring changes differ. A jump is
+three times the largest change of training or more, and what follows it no more than one."""
 PARITY_MARGIN: Final = 2.0
 """How much further than in training a parity equation may be from its middle."""
 SETPOINT_MARGIN: Final = 4.0

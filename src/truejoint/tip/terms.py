@@ -37,8 +37,10 @@ TRACKED: Final = {"slope": 0.15, "square": 0.05, "play": 0.03}
 TRACKED_ZERO: Final = {"rad": 0.2, "m": 0.02}
 LEFT: Final = 0.03
 """What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
-_SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)  # of `WIDE`, of squares and plays
-_STEEP: Final = (1.0, 0.4, 0.15)  # of `WIDE`, of slopes
+# Shares of `WIDE`, of each kind by itself: cables that slip much may stretch little.
+_SLOPES: Final = (1.0, 0.4, 0.15)
+_SQUARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
+_PLAYS: Final = (1.0, 0.5, 0.25, 0.12, 0.06)
 _GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may have changed more
 _PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken for its terms
 
@@ -203,14 +205,12 @@ class TermsPrior(NamedTuple):
 def wide_priors(terms: Terms) -> list[TermsPrior]:
     """Expect little of any arm, with all but the zeros smaller from one prior to the next."""
     nothing = np.zeros(len(terms.kinds))
-    by_kind = [
-        WIDE
-        | {"slope": steep * WIDE["slope"]}
-        | {kind: share * WIDE[kind] for kind in ("square", "play")}
-        for steep in _STEEP
-        for share in _SHARES
-    ]
-    return [TermsPrior(nothing, terms.sds(sds)) for sds in by_kind]
+    shares = (
+        {"zero": 1.0, "slope": slope, "square": square, "play": play}
+        for slope, square, play in product(_SLOPES, _SQUARES, _PLAYS)
+    )
+    wide = terms.sds(WIDE)
+    return [TermsPrior(nothing, wide * terms.sds(share)) for share in shares]
 
 
 def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> list[TermsPrior]:

@@ -52,7 +52,6 @@ arm and day are right they stay below two on ten arms whose errors are 2.5 times
 _MOVES: Final = 11.3  # chi-square of three freedoms that one block in a hundred exceeds at rest
 _MOVED: Final = (0.02, 3e-3)  # rad and m per axis by which a block is looked for elsewhere
 _UNNOTICED: Final = (3e-3, 3e-4)  # the same of a move that touches may not show
-_PASSES: Final = 0.5  # of a homing, which may be a move of the block
 _FARTHEST: Final = 3.0
 """No homing moves a zero by more, in `SPREAD`, but a block that has moved may seem to."""
 _ENLARGED: Final = 3.0  # times the training's errors, with which a block is first fitted
@@ -427,12 +426,12 @@ def _has_moved(step: Array, against: str = "") -> str:
 def _unnoticed_move(fit: TipFit, pose: BlockPose, touches: Touches, offset: Array) -> Array:
     """Covariance (6, 6) of a move of the block that would pass for a homing by `offset` (n,).
 
-    Half a millimetre, and half of what the offset does to the tip, unless touched references
-    say less. Refuses a block that has moved against them.
+    Half a millimetre, and as far as the offset moves the tip, in any direction: a homing and a
+    move may cancel. Touched references say less. Refuses a block that has moved against them.
     """
     equations = fit.rows.equations(fit.state)
     way = (equations.by_joint[:, :, list(fit.rows.columns)] @ offset).mean(axis=0)
-    seen = np.eye(3) * _UNNOTICED[1] ** 2 + np.outer(way, way) * _PASSES**2
+    seen = np.eye(3) * (_UNNOTICED[1] ** 2 + float(way @ way))
     still = np.isin(touches.dimple, list(pose.block.references))
     if still.any() and not still.all():
         # The references' own places were found by as many touches.
