@@ -288,7 +288,7 @@ def test_where_time_runs_short_three_parts_are_judged_and_the_others_named():
 @pytest.mark.parametrize("seconds", [True, -1.0, np.nan])
 def test_a_time_that_is_none_is_refused(seconds):
     with pytest.raises(CalibrationError, match="give a time"):
-        Automatic([Polynomial(2)], seconds)
+        Automatic([Polynomial(2)], seconds=seconds)
 
 
 def test_what_cannot_be_fitted_is_told_and_not_chosen():
