@@ -1,6 +1,8 @@
-"""TOML files of others, read within bounds."""
+"""TOML files: tables of the package's own, and files of others, read within bounds."""
 
 import tomllib
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,3 +19,16 @@ def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as fault:
         raise error(f"{path}: is not TOML ({words(fault, 120)})") from None
+
+
+@cache
+def shipped_table(package: str, name: str) -> dict[str, Any]:
+    """Table of a TOML file in a package, with tuples for lists; none of its readers changes it."""
+    table: dict[str, Any] = _with_tuples(tomllib.loads(files(package).joinpath(name).read_text()))
+    return table
+
+
+def _with_tuples(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
-from importlib import import_module, resources
+from importlib import import_module
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
@@ -13,6 +12,7 @@ from typer.main import get_command
 
 import truejoint
 from truejoint.cli.options import described
+from truejoint.toml_file import shipped_table
 
 
 class Command(NamedTuple):
@@ -24,7 +24,7 @@ class Command(NamedTuple):
     example: str  # its arguments
 
 
-_TABLE: Final = tomllib.loads(resources.files(__package__).joinpath("commands.toml").read_text())
+_TABLE: Final = shipped_table(__package__, "commands.toml")
 COMMANDS: Final = {name: Command(**row) for name, row in _TABLE["commands"].items()}
 GROUPS: Final = {name: row["help"] for name, row in _TABLE["groups"].items()}
 HINTS: Final[dict[str, str]] = _TABLE["hints"]  # by words that people type first

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
-from functools import cache, wraps
-from importlib import resources
+from functools import wraps
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
@@ -17,6 +15,7 @@ import truejoint
 from truejoint.cli.console import out, result_json
 from truejoint.errors import CommandRefused, unknown
 from truejoint.summary import json_values
+from truejoint.toml_file import shipped_table
 from truejoint.units import display_unit
 
 CHECK_FAILED: Final = 1
@@ -141,15 +140,10 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
     return run
 
 
-@cache
-def _help() -> dict[str, Any]:
-    return tomllib.loads(resources.files(__package__).joinpath("help.toml").read_text("utf-8"))
-
-
 def _entry(parameter: inspect.Parameter, sections: tuple[str, ...]) -> dict[str, Any]:
     """Find what `help.toml` says of a parameter."""
-    name = parameter.name
-    pages = (_help().get(section, {}) for section in (*sections, "shared"))
+    name, help_ = parameter.name, shipped_table(__package__, "help.toml")
+    pages = (help_.get(section, {}) for section in (*sections, "shared"))
     entry: dict[str, Any] | None = next((page[name] for page in pages if name in page), None)
     if entry is None:
         raise TypeError(f"help.toml says nothing of {name} of {sections[-1]}")

@@ -5,13 +5,13 @@ A new estimator is a folder beside this file and a table in `presets.toml`.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
-from importlib import import_module, resources
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from truejoint.errors import CalibrationError, unknown
 from truejoint.plugins import plugins
+from truejoint.toml_file import shipped_table
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -52,18 +52,8 @@ class Preset(NamedTuple):
         return getattr(import_module(f"{__package__}.{module}"), name)
 
 
-def _presets() -> dict[str, Preset]:
-    text = resources.files(__package__).joinpath("presets.toml").read_text(encoding="utf-8")
-    presets = {name: Preset(**row) for name, row in tomllib.loads(text).items()}
-    return {
-        name: preset._replace(
-            params={k: tuple(v) if isinstance(v, list) else v for k, v in preset.params.items()}
-        )
-        for name, preset in presets.items()
-    }
-
-
-PRESETS: Final = _presets()
+_ROWS: Final = shipped_table(__package__, "presets.toml")
+PRESETS: Final = {name: Preset(**row) for name, row in _ROWS.items()}
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own

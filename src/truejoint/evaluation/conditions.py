@@ -1,9 +1,7 @@
 """Conditions of a test that lie beyond all that a model has learnt from."""
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.resources import files
 from itertools import product
 from typing import Any, Final, cast
 
@@ -11,15 +9,14 @@ import pandas as pd
 from pandas import DataFrame
 
 from truejoint.calibration.conditions import Condition
+from truejoint.toml_file import shipped_table
 from truejoint.units import shown, shown_range
 
 _FACTOR: Final = 1.25  # beyond the least and the largest that were learnt, of what is a size
 _SHIFT: Final = 0.25  # of the shortest range that was learnt, beyond the middles that were learnt
 _SLOPE: Final = 0.02  # beyond the slopes that were learnt
 _NAMED: Final = 3  # recordings
-_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))[
-    "beyond"
-]
+_WORDS: Final = shipped_table(__package__, "words.toml")["beyond"]
 
 
 def unlike(

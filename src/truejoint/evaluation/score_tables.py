@@ -1,10 +1,8 @@
 """Scores as tables of text, in deg and mm, for the page and the terminal."""
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
@@ -35,9 +33,10 @@ from truejoint.tables import (
     shown,
     spread_text,
 )
+from truejoint.toml_file import shipped_table
 from truejoint.units import display_unit
 
-_WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
+_WORDS: Final = shipped_table(__package__, "words.toml")
 
 
 def main_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:

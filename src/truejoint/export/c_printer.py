@@ -18,6 +18,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
+from importlib.resources import files
 from itertools import chain, combinations, count
 from struct import pack, unpack
 from typing import Any, Final
@@ -29,14 +30,7 @@ from truejoint.export.c_function import Function
 from truejoint.export.c_structs import Constant, Handle, Side, Struct, Unprintable, kind_of
 from truejoint.layout import Field, Memory
 
-WIDE: Final = """\
-/* A function of which GCC makes two versions; a program with glibc loads the one that its processor
- * is fit for. AVX2 rounds as SSE2 does: the bits are the same. */
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define WIDE
-#endif"""
+_WIDE: Final = (files(__package__) / "templates/wide.h").read_text("utf-8")
 _COMPARED: Final = "of two numbers; the first where they do not compare."
 _HELPERS: Final = (
     ("min", "{0} a, {0} b", f"The smaller {_COMPARED}", "b < a ? b : a"),
@@ -182,7 +176,7 @@ class Printer:
         printed_functions = [printed for name, printed in self.functions.items() if name in used]
         whole = "\n\n".join(self._text(printed) for printed in printed_functions)
         if any(getattr(printed.python, "is_wide", False) for printed in printed_functions):
-            whole = f"{WIDE}\n\n{whole}"
+            whole = f"{_WIDE}\n{whole}"
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
         constants = [
             Constant(name, (str(value) if isinstance(value, int) else self.style.literal(value),))

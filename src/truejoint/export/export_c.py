@@ -5,7 +5,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
 from importlib.metadata import version
-from inspect import getsource
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
@@ -276,10 +275,6 @@ def _precision_context(
 
 def _calibration_context(data: Calibration) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
-    docstrings = re.findall(r'(\w+) = \d+\n\s+"""(.+?)"""', getsource(FilterStatus), re.DOTALL)
-    filter_meanings = {
-        FilterStatus[name]: " ".join(text.split()).rstrip(".") for name, text in docstrings
-    }
     stated_by = ""
     if data.interval is not None:
         stated_by = "for such motions as the interval was made of"
@@ -295,7 +290,7 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
         "statuses": _bits(_MEANINGS),
-        "filter_statuses": _bits(filter_meanings),
+        "filter_statuses": _bits({bit: bit.words for bit in FilterStatus if bit}),
         "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),

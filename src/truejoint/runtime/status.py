@@ -1,9 +1,9 @@
 """What a corrector says about a sample, as bits of one number: the loop itself raises nothing."""
 
-import tomllib
 from enum import IntFlag
-from importlib.resources import files
 from typing import Final
+
+from truejoint.toml_file import shipped_table
 
 
 class Status(IntFlag):
@@ -39,4 +39,4 @@ class Status(IntFlag):
         return "; ".join(_MEANINGS[str(bit.name)] for bit in self)
 
 
-_MEANINGS: Final = tomllib.loads(files(__package__).joinpath("status.toml").read_text("utf-8"))
+_MEANINGS: Final = shipped_table(__package__, "status.toml")

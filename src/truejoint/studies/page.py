@@ -5,13 +5,12 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
 from truejoint.drawing import png
 from truejoint.errors import StudyError, other_kind
-from truejoint.evaluation.report.page import render_page, versions
+from truejoint.evaluation.report.page import now_text, render_page, versions
 from truejoint.studies.claim_tests import RULE
 from truejoint.studies.runner import StudyResult, software, write_bytes
 from truejoint.studies.study import CLAIMS, STUDIES, VERDICTS, Settings, Study
@@ -72,7 +71,7 @@ def write_study(
     if not overwrite:
         check_folder(result.study, result.settings, folder)
     name, summary, target = result.study.name, result.summary, Path(folder)
-    created = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+    created = now_text()
     pictures = {key: png(figure) for key, figure in summary.figures.items()}
     page = render_page(
         "study.html.j2",
@@ -135,7 +134,7 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
         unusual=unusual,
         better=better,
         verdicts=VERDICTS,
-        created=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        created=now_text(),
         command=command,
     )
     path = Path(folder) / OVERVIEW

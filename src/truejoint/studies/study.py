@@ -6,13 +6,13 @@ Nothing heavy is imported here, so that studies can be listed and completed at o
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module, resources
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, cast, get_args
 
 from truejoint.errors import StudyError, unknown
+from truejoint.toml_file import shipped_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -382,14 +382,11 @@ def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
     """Studies of a catalogue; an option's own values go before those that several studies share."""
     for row in table["studies"]:
         options = []
-        for option in row.pop("options", ()):
+        for option in row.get("options", ()):
             own = {"name": option} if isinstance(option, str) else option
-            values: dict[str, Any] = {**table["options"].get(own["name"], {}), **own}
-            for key, value in values.items():
-                values[key] = tuple(value) if isinstance(value, list) else value
-            options.append(Option(**values))
-        row["module"] = f"{__package__}.{row['module']}"
-        yield Study(**{"source": "", **row}, options=tuple(options))
+            options.append(Option(**{**table["options"].get(own["name"], {}), **own}))
+        made = {"module": f"{__package__}.{row['module']}", "options": tuple(options)}
+        yield Study(**{"source": "", **row, **made})
 
 
 def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Stated]]:
@@ -399,16 +396,14 @@ def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Stated]]:
         letter = "Y" if row["source"].startswith("yan2020") else "P"
         letter = "O" if row["source"] == "ours" else letter
         counts[letter] = counts.get(letter, 0) + 1
-        yield row.pop("key"), Stated(**row, number=f"{letter}{counts[letter]}")
+        stated = {name: value for name, value in row.items() if name != "key"}
+        yield row["key"], Stated(**stated, number=f"{letter}{counts[letter]}")
 
 
-def _shipped(name: str) -> dict[str, Any]:
-    return tomllib.loads(resources.files(__package__).joinpath(name).read_text("utf-8"))
-
-
-CLAIMS: Final = dict(_stated(_shipped("claims.toml")))
+CLAIMS: Final = dict(_stated(shipped_table(__package__, "claims.toml")))
 """Every claim of the papers that a study judges, by key, of `claims.toml`."""
-STUDIES: Final = {study.name: study for study in _studies(_shipped("catalogue.toml"))}
+_CATALOGUE: Final = shipped_table(__package__, "catalogue.toml")
+STUDIES: Final = {study.name: study for study in _studies(_CATALOGUE)}
 """By name, of `catalogue.toml`, in the order in which they are listed."""
 
 

@@ -7,9 +7,7 @@ linear function of where cables that give nowhere would have them.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
-from importlib.resources import files
 from math import sqrt
 from typing import Any, Final
 
@@ -26,6 +24,7 @@ from truejoint.estimators.rules import Params, Rule
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Memory, part_memory, part_numbers
+from truejoint.toml_file import shipped_table
 
 TERMS: Final = 1 + 3 * N
 """Terms of what geometry adds: a constant, each raw joint, its sine and its cosine."""
@@ -36,10 +35,9 @@ DECAY: Final = 3.0
 ERROR_TIME: Final = 0.1
 """Time [s] for which the misfit of an effort stays the same."""
 
-_ROWS: Final = tomllib.loads(files(__package__).joinpath("identified.toml").read_text("utf-8"))
-SOUGHT: Final[Mapping[str, tuple[str, float, float, float, float]]] = {
-    name: (*row,) for name, row in _ROWS.items()
-}
+SOUGHT: Final[Mapping[str, tuple[str, float, float, float, float]]] = shipped_table(
+    __package__, "identified.toml"
+)
 """Unit, bounds and starts of what is identified, as `identified.toml` says."""
 
 _FARTHEST: Final = 50.0  # [rad] of a motor

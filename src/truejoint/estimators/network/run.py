@@ -129,7 +129,7 @@ FAMILY: Final = Family(
     row=network_row,
 )
 
-GRU_LAYOUT: Final = Layout().declare(__package__, "scaling", "gru")
+GRU_LAYOUT: Final = Layout().declare(__package__, "scaling", "recurrent")
 GRU_ELAPSED: Final = GRU_LAYOUT.at("elapsed")
 unpack_gru = GRU_LAYOUT.unpacker()
 
@@ -221,7 +221,7 @@ GRU: Final = Family(
     counts_samples=True,
 )
 
-TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "tcn")
+TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "convolution")
 TCN_ELAPSED, COUNT = map(TCN_LAYOUT.at, ("elapsed", "count"))
 unpack_tcn = TCN_LAYOUT.unpacker()
 

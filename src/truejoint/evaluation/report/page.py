@@ -250,7 +250,7 @@ def _render_touches(calibration: Calibration, report: TouchReport, command: str)
             *(raw, far),
             f"before {was}, after {now} off (RMS)",
             f"prior: {', '.join(calibration.metadata['touch']['prior']) or 'none'}",
-            _now(),
+            now_text(),
         ],
         not_seen=report.not_seen,
         rows=DataFrame(rows, columns=["point", "", "at [s]", "before [mm]", "left out [mm]"]),
@@ -317,12 +317,13 @@ def facts(evaluation: Evaluation, what: str) -> list[str]:
         what,
         f"tested on {len(evaluation.rows):,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
-        _now(),
+        now_text(),
         f"truejoint {version('truejoint')}",
     ]
 
 
-def _now() -> str:
+def now_text() -> str:
+    """Time of a page that is made now, to the minute."""
     return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Final, Literal
+
+from truejoint.toml_file import shipped_table
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.recordings.table.recording import Recording
@@ -17,7 +17,7 @@ Rows = tuple[tuple[int, int], ...]
 
 ORDER: Final[dict[Level, int]] = {"fail": 0, "warn": 1, "info": 2, "good": 3}
 
-_TABLE: Final = tomllib.loads((files(__package__) / "findings.toml").read_text("utf-8"))
+_TABLE: Final = shipped_table(__package__, "findings.toml")
 _ROWS: Final = {name: row for names in _TABLE.values() for name, row in names.items()}
 
 HEADINGS: Final = tuple(_TABLE)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.resources import files
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RecordingError, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
 from truejoint.robots.catalogue import robot_names
+from truejoint.toml_file import shipped_table
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.recordings.table.recording import Recording
@@ -60,7 +59,7 @@ def _load(name: str, summary: str, reader: str, options: Sequence[str] = (), **r
     return Format(name, summary, read, tuple(options), **row)
 
 
-_ROWS: Final = tomllib.loads((files(__package__) / "formats.toml").read_text("utf-8"))
+_ROWS: Final = shipped_table(__package__, "formats.toml")
 FORMATS: Final[Mapping[str, Format]] = {name: _load(name, **row) for name, row in _ROWS.items()}
 """Every layout of truejoint's own by name."""
 

@@ -1,10 +1,8 @@
 """The estimators that the studies of the forceps compare, calibrated and judged as any other."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 from typing import Any, Final, cast
 
 import numpy as np
@@ -18,6 +16,7 @@ from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, record, tensioned
 from truejoint.studies.study import Rows, Settings
+from truejoint.toml_file import shipped_table
 
 SETTLED: Final = 2.2
 """Time from which errors count [s]: the motion swells for the first 2 s."""
@@ -39,8 +38,8 @@ class Method:
         return ("motor", *(x for name, x in cables if name in self.inputs))
 
 
-_ROWS: Final = tomllib.loads(files(__package__).joinpath("methods.toml").read_text("utf-8"))
-METHODS: Final = {key: Method(**{**row, "inputs": (*row["inputs"],)}) for key, row in _ROWS.items()}
+_ROWS: Final = shipped_table(__package__, "methods.toml")
+METHODS: Final = {key: Method(**row) for key, row in _ROWS.items()}
 """By the key that stands in options and numbers, in the order of the tables."""
 TITLES: Final = {key: method.title for key, method in METHODS.items()}
 COLOURS: Final = {method.title: method.colour for method in METHODS.values()}

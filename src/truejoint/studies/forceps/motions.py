@@ -98,6 +98,7 @@ def record_forceps(
     motion: str | ArrayLike | LoadTest,
     *,
     seed: int = 0,
+    log_rate: float = 200.0,
     zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
     load: SwingingLoad = SwingingLoad(0.0),  # noqa: B008  # frozen
 ) -> Recording:
@@ -123,8 +124,14 @@ def record_forceps(
         notes = f"load test: {1e3 * mass:g} g {motion.direction} the motion to {angle:g} deg"
     elif isinstance(motion, str):
         session, path = f"{motion} {seed}", trajectory(motion).positions[:, 0]
-    drive = cast("Any", path)
-    run = simulate_forceps(parameters, drive, seed=seed, zero_shift=zero_shift, load=load)
+    run = simulate_forceps(
+        parameters,
+        cast("Any", path),
+        seed=seed,
+        log_rate=log_rate,
+        zero_shift=zero_shift,
+        load=load,
+    )
     columns = {
         "t": run.t,
         **{name: values for name, values in run.columns().items() if "velocity" not in name},

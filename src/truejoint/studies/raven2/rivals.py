@@ -20,7 +20,7 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.rows import frame_table, reported, reported_text
+from truejoint.studies.rows import frame_table, paper_numbers, reported, reported_text
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
@@ -29,16 +29,14 @@ WHEN: Final = ("first", "last")
 _AXES: Final = ("x", "y", "z", "distance")
 _SCALES: Final = {**dict(zip(s.JOINTS, s.SCALES, strict=True)), **dict.fromkeys(_AXES, 1e3)}
 """From SI to deg and mm."""
-_OTHERS: Final = (
-    ("III", "RAVEN-II Haghighipanah 2015", "ukf"),
-    ("III", "dVRK left arm Hwang 2022", "rnn"),
-    ("III", "dVRK right arm Hwang 2022", "rnn"),
-    ("IV", "dVRK Hwang 2022 pick", "rnn"),
-    ("IV", "dVRK Hwang 2022 random", "rnn"),
-    ("IV", "RAVEN-II Mahler 2014", "gpr"),
-    ("IV", "RAVEN-II Peng 2020", "dnn"),
+_OTHERS: Final = tuple(
+    dict.fromkeys(
+        (table, condition, method)
+        for source, table, condition, method, _ in paper_numbers()
+        if source == "peng2024" and " 20" in condition
+    )
 )
-"""Table, condition and method of what peng2024 quotes of others."""
+"""Table, condition and method of what peng2024 quotes of others: the condition names a year."""
 
 
 def rivals_parts(settings: Settings) -> Sequence[Part]:
