@@ -191,38 +191,18 @@ def jit(**options: Any) -> Callable[[Kernel], Kernel]:
     return decorate
 
 
-class _Compiling(event.Listener):  # type: ignore[misc]  # numba has no types
-    """Processor and wall time that compiling and loading kernels took in this process [s]."""
-
-    def __init__(self) -> None:
-        self.depth, self.began, self.spent = 0, np.zeros(2), np.zeros(2)
-
-    def on_start(self, _: Any) -> None:
-        self.depth += 1
-        if self.depth == 1:
-            self.began = _times()
-
-    def on_end(self, _: Any) -> None:
-        self.depth -= 1
-        if self.depth == 0:
-            self.spent += _times() - self.began
-
-
-def _times() -> Array:
-    return np.array([time.process_time(), time.perf_counter()])
-
-
-_COMPILING: Final = _Compiling()
+_COMPILING: Final = event.TimingListener()
 event.register("numba:compiler_lock", _COMPILING)
 
 
 def working_times() -> Array:
-    """Processor and wall time (2,) [s], without what compiling kernels took; since any start.
+    """Processor and wall time (2,) [s], without what compiling and loading kernels took.
 
-    The smaller difference is what work takes on a quiet machine: threads side by side count once,
-    and so does work while others have the processors.
+    Since any start. The smaller difference is what work takes on a quiet machine: threads side by
+    side count once, and so does work while others have the processors.
     """
-    return _times() - _COMPILING.spent
+    compiling = _COMPILING.duration if _COMPILING.done else 0.0
+    return np.array([time.process_time(), time.perf_counter()]) - compiling
 
 
 @cache

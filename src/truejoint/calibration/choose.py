@@ -334,7 +334,7 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
                 square = np.where(table.usable[fitted], np.mean(simple**2, axis=1), np.inf)
                 best = np.argmin(square, axis=0)
                 candidate.errors[number] = simple[best, :, np.arange(len(best))].T
-        candidate.seconds += float(np.min(working_times() - began))
+        candidate.seconds += max(0.0, float(np.min(working_times() - began)))
     untried = np.full((len(test), table.targets.shape[1]), np.nan)
     errors = np.array([candidate.errors.get(number, untried) for candidate in table.candidates])
     if is_new := number == len(table.products):
