@@ -97,9 +97,16 @@ def _other(recording: Recording, truth: Stream) -> object:
     return join_truth(recording, Stream(truth.t, dict(zip(truth.columns, noise, strict=True))))
 
 
+def _twitch(recording: Recording, truth: Stream) -> object:
+    at_once = {"t": recording.t, "measured/joint1": 1e-3 * (np.arange(len(recording)) == 5)}
+    one = Stream(truth.t, {"truth/joint1": truth.columns["truth/joint1"]})
+    return join_truth(Recording.from_columns(at_once, "bros"), one)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        (_twitch, "joint1 stand still"),
         (_other, "no offset of the clocks makes the truth follow joint1, joint2"),
         (
             lambda recording, truth: join_truth(

@@ -161,7 +161,8 @@ def find_clock_offset(
     joints = [name.removeprefix("truth/") for name in truth.columns]
     measured = recording.columns("measured", joints)
     positions = np.column_stack([*truth.columns.values()])
-    moves = (np.ptp(measured, axis=0) > 0) & (np.ptp(positions, axis=0) > 0)
+    middle = np.quantile(measured, [0.02, 0.98], axis=0)  # a twitch is no motion
+    moves = (np.ptp(middle, axis=0) > 0) & (np.ptp(positions, axis=0) > 0)
     if not moves.any():
         raise RecordingError(
             f"{', '.join(joints)} stand still: no motion tells the offset of the clocks; state it"
