@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import head, parsed, stored
+from benchmarks import head, parsed, stored, table
 from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.calibration import Calibration
 from truejoint.runtime import Corrector, Status
@@ -221,11 +221,12 @@ def fault_tables(found: Sequence[dict[str, Any]]) -> None:
     """Print what was found: a row for each fault, then one for each fault and joint."""
     names = list(REDUNDANT)
     joints = list(dict.fromkeys(key.split(", ")[1] for key in found[0]))
+    print("Faults found, by what is read beside the position\n")
     head("fault of a reading", *names)
     for fault in FAULTS:
         cells = (summary(found, fault, joints, name) for name in names)
         print(f"| {fault} | {' | '.join(cells)} |")
-    print()
+    print("\nFaults found, joint by joint\n")
     head("fault", "joint", "redundant", "found")
     for fault in FAULTS:
         for joint in joints:
@@ -276,7 +277,9 @@ def main() -> None:
     if options.healthy:
         together = sum((Counter(one) for one in found), Counter[str]())
         flagged = together.total() - together[repr(Status.OK)]
-        print(f"{together.total()} samples, {flagged} flagged: {dict(together)}")
+        print("\nHealthy work\n")
+        rows = [(together.total(), flagged, dict(together))]
+        table(("samples", "flagged", "by status"), rows)
     else:
         fault_tables(found)
 
