@@ -306,8 +306,13 @@ def test_a_joint_that_hangs_off_its_set_point_is_brought_there(served, arm, monk
     assert np.abs(np.diff(np.concatenate(rows))).max() <= speed[0] / served.arm.rate + 1e-9
     arm.pause()
     arm.resume()  # from where the robot stands
-    trimmed = served.arm.setpoint_js(LONG).position
-    assert arm.setpoint_js(LONG).position == pytest.approx(trimmed, abs=1e-9)
+    robot = served.arm  # whose last set-points may still be on their way
+    served.ros.wait_for(
+        "/arm1/setpoint_js",
+        lambda _: np.allclose(
+            arm.setpoint_js(LONG).position, robot.setpoint_js(LONG).position, rtol=0, atol=1e-9
+        ),
+    )
 
 
 def test_on_a_slow_link_a_joint_is_not_trimmed_twice(served, monkeypatch):
