@@ -596,13 +596,12 @@ def choose(
     judged = table.folds
     chosen = table.combined()
     if tries_rates and len(judged) > 1 and table.seconds < budget:
-        for number in np.flatnonzero(
-            chosen[0].any(axis=1)
-        ).tolist():  # once more, with rates beside
+        given = {model.name: model for model in models}  # which know no features yet
+        for number in np.flatnonzero(chosen[0].any(axis=1)).tolist():
             model, positions = tried[number].model, tried[number].features
             if not model.family.inputs and model.name not in (RAW, OFFSET):
-                more = (*positions, *_rates(positions))
-                model = model.for_features(more, robot, names)
+                more = (*positions, *_rates(positions))  # once more, with rates beside
+                model = given.get(model.name, model).for_features(more, robot, names)
                 table.candidates.append(Candidate(model, more, tried[number].target))
         rest = fit_task.within(say, share, 1.0 - share)
         for number, fold in enumerate(judged):
