@@ -34,8 +34,8 @@ folder.mkdir(exist_ok=True)
 
 # %%
 forceps = specimen("A")  # like the paper's, chosen on its numbers
-calibration = record(forceps, "nested", specimen="A", seed=0)
-verification = record(forceps, "verification", specimen="A", seed=1)
+calibration = record(forceps, "nested", seed=0)
+verification = record(forceps, "verification", seed=1)
 settled = verification.t > 2.2
 for name in ("ukf_compensated", "play_gated", "ukf_friction"):
     model = calibrate(calibration, name)

@@ -19,8 +19,8 @@ from truejoint.studies.forceps.motions import record
 # A is a virtual specimen that was selected by the paper's own figures.
 
 forceps = specimen("A")
-training = record(forceps, "nested", specimen="A", seed=0)
-test = record(forceps, "verification", specimen="A", seed=1)
+training = record(forceps, "nested", seed=0)
+test = record(forceps, "verification", seed=1)
 names = {
     "lsm": "least squares (29)",
     "ukf_compensated": "unscented filter, compensated (26)",
