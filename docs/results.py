@@ -45,7 +45,7 @@ def of_study(path: Path) -> dict[str, Any]:
     """Read tables and origin of what a study left."""
     result = json.loads(path.read_text("utf-8"))
     origin = {key: result["origin"][key] for key in ("command", "created", "source")}
-    origin["command"] = re.sub(r" (--jobs|--out|-o) \S+", "", origin["command"])
+    origin["command"] = re.sub(r" ((--jobs|--out|-o) \S+|--force)", "", origin["command"])
     keys = ("title", "header", "rows", "notes")
     return {"origin": origin, "tables": [{key: t[key] for key in keys} for t in result["tables"]]}
 
