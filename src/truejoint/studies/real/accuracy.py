@@ -146,7 +146,8 @@ def summarise(results: Results) -> Summary:
         "RMSE on whole recordings, or the last part by time, that no fit saw, ± standard deviation "
         "over the seeds of a network; all features are causal, those of linear, poly2 and dnn "
         "suited to the data.",
-        f"{HWANG}: both motions together, four samples of all joints, the first tenth held out.",
+        *[f"{HWANG}: both motions together, four samples of all joints, the first tenth held out."]
+        * (_DVRK in settings["datasets"]),
         *(f"{what}: {reason}" for what, reason in why.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
