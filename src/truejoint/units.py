@@ -64,7 +64,13 @@ def display_unit(unit: str) -> DisplayUnit:
 
 
 def plural(count: int, word: str) -> str:
-    """Write a number and its noun, such as ``"2 recordings"``."""
+    """Write a number and its noun.
+
+    Examples
+    --------
+    >>> plural(1, "recording"), plural(2, "recording")
+    ('1 recording', '2 recordings')
+    """
     return f"{count} {word}{'s' if count != 1 else ''}"
 
 

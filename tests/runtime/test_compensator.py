@@ -1,5 +1,6 @@
 """The compensator on a joint whose loss is known, and on the virtual forceps."""
 
+import threading
 from functools import partial
 from types import SimpleNamespace
 
@@ -429,7 +430,7 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     robot = lagging_arm.robot
     start = robot.home[2]
     path = Trajectory(("insertion",), ("m",), start + np.array([[0.0], [0.01], [0.003]]))
-    true, shares, paused = [], [], []
+    true, shares, paused, follower = [], [], [], threading.current_thread()
 
     def keep(block):
         if hasattr(block, "measured"):
@@ -439,7 +440,8 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
                 lagging_arm.pause()
 
     def resume(_):
-        if len(paused) == 1:  # not other threads of this process that sleep
+        # Not other threads of this process that sleep.
+        if len(paused) == 1 and threading.current_thread() is follower:
             paused.append(len(true))
             lagging_arm.resume()
 

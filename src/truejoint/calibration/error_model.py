@@ -13,16 +13,16 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.fit import calibrate
 from truejoint.errors import CalibrationError
+from truejoint.estimators.registry import ERROR_MODEL
 from truejoint.recordings.table.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
-ESTIMATOR: Final = "coupled_play"
 _HELD_OUT: Final = 0.25  # of each recording, at its end
 _LONGEST: Final = 60.0  # correlation time [s]
 
 
 def learn_error_model(
-    recordings: Recording | Iterable[Recording], estimator: str = ESTIMATOR
+    recordings: Recording | Iterable[Recording], estimator: str = ERROR_MODEL
 ) -> Calibration:
     """Learn which positions a robot reports where its joints truly are.
 
