@@ -10,6 +10,7 @@ from typing import Self
 
 import numpy as np
 import pytest
+from cyclonedds import core
 from cyclonedds._clayer import ddspy_write
 from cyclonedds.core import Policy
 from cyclonedds.pub import DataWriter
@@ -303,6 +304,27 @@ def test_variables_without_a_meaning_are_refused(monkeypatch, name, value):
     monkeypatch.setenv(name, value)
     with pytest.raises(RosError, match=f"{name} is '{value}'; give"):
         Ros2("n")
+
+
+@pytest.mark.parametrize("refusals", [1, 9])
+def test_a_topic_that_is_refused_once_is_asked_for_again(monkeypatch, refusals):
+    asked, topic = [], ros2.Topic
+
+    def refuse(*given):
+        asked.append(given)
+        if len(asked) <= refusals:
+            raise core.DDSException(-3, "by a test")
+        return topic(*given)
+
+    monkeypatch.setattr(ros2, "Topic", refuse)
+    monkeypatch.setattr(ros2, "_PAUSE", 0.0)
+    if refusals > 1:
+        with pytest.raises(RosError, match="refuses the topic ros_discovery_info"):
+            Ros2("n")
+        assert len(asked) == 3
+    else:
+        Ros2("n").close()
+        assert len(asked) == 2
 
 
 def test_an_arm_served_by_another_process_moves_and_is_collected_from(tmp_path, monkeypatch):

@@ -41,6 +41,9 @@ _GRAPH: Final = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _log = logging.getLogger(__name__)
 _domains: dict[int, Domain | None] = {}  # of this process; each is configured once
 _domains_lock: Final = threading.Lock()
+_topics_lock: Final = threading.Lock()
+_ATTEMPTS: Final = 3
+_PAUSE: Final = 0.05  # [s] between them
 
 
 class Ros2:
@@ -181,7 +184,7 @@ class Ros2:
         """Make a reader or a writer of a topic; says its type's hash, and who calls by it."""
         with self._lock:
             if (name, kind) not in self._topics:
-                self._topics[name, kind] = Topic(self._participant, name, kind)
+                self._topics[name, kind] = _topic(self._participant, name, kind)
         depth = 1 if newest or latched else QUEUE
         qos = _qos(f"{who}typehash={kind.TYPE_HASH};", depth=depth, latched=latched)
         return make(self._participant, self._topics[name, kind], qos)
@@ -323,6 +326,23 @@ def _qos(user_data: str, *, depth: int = 1, latched: bool = False) -> Qos:
     if latched:
         policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
     return Qos(*policies)
+
+
+def _topic(participant: DomainParticipant, name: str, kind: type[Any]) -> Topic[Any]:
+    """Make a topic; raises RosError if it is refused time and again.
+
+    Cyclone DDS cannot make two at once in a process (cyclonedds-python, issue 214), and once in a
+    great while refuses one that it takes the next time.
+    """
+    refusal = ""
+    for _ in range(_ATTEMPTS):
+        try:
+            with _topics_lock:
+                return Topic(participant, name, kind)
+        except core.DDSException as error:
+            refusal = error.msg
+            time.sleep(_PAUSE)
+    raise RosError(f"ROS 2's network refuses the topic {name}: {refusal}")
 
 
 def _domain(environment: Mapping[str, str]) -> int:
