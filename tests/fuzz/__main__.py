@@ -103,6 +103,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=time.time_ns() % 10**6)
     parser.add_argument("--case", type=int)
     options = parser.parse_args()
+    # A shell's background ignores Ctrl-C, by which cases end what would serve for ever.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as name:
         seeds, folder = Path(name, "seeds"), Path(name, "case")
         seeds.mkdir()
