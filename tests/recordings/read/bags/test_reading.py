@@ -521,3 +521,8 @@ def test_without_rosbags_it_says_how_to_install_it(bag, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(TruejointError, match=r'pip install "truejoint\[ros\]"'):
         read_bag(bag)
+
+
+def test_a_name_longer_than_any_files_is_one_line():
+    with pytest.raises(RecordingError, match="check the path"):
+        read_bag("a" * 300, "raven2")

@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from os.path import isdir
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
@@ -162,7 +163,8 @@ def _opened(
 
     Raises RecordingError if it is no bag.
     """
-    for part in _parts(path) if path.is_dir() else [path]:
+    is_folder = isdir(path)  # noqa: PTH112 - a name too long is none, not an error
+    for part in _parts(path) if is_folder else [path]:
         with require_file(part).open("rb") as file:
             head = file.read(len(SQLITE_MAGIC))
             magic = next((magic for magic in _KINDS if head.startswith(magic)), b"")
