@@ -52,6 +52,7 @@ AT_ONCE = {
         ("zigzag.parquet", "Missing option"),
         ("nowhere.parquet -o new.st", "no such file or folder"),
         ("davinci_grasper_umn --split nothing -o new.st", "no split called 'nothing'"),
+        ("m.st -o new.st --like m.st", "m.st: models alone; name a recording beside them"),
     ],
     "evaluate m.st random.parquet": [
         ("--report nosuch/report.html", "the folder nosuch does not exist"),

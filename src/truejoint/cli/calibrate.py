@@ -97,6 +97,8 @@ def _like(
     if not paths:
         raise CalibrationError(f"--like {' '.join(like)}: no model file is there")
     rest = [name for name in recordings if name not in among]
+    if not rest:
+        raise CalibrationError(f"{' '.join(among)}: models alone; name a recording beside them")
     return rest, [truejoint.read_calibration(path) for path in paths]
 
 
