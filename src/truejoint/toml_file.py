@@ -24,7 +24,8 @@ def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
 @cache
 def shipped_table(package: str, name: str) -> dict[str, Any]:
     """Table of a TOML file in a package, with tuples for lists; none of its readers changes it."""
-    table: dict[str, Any] = _with_tuples(tomllib.loads(files(package).joinpath(name).read_text()))
+    text = files(package).joinpath(name).read_text("utf-8")
+    table: dict[str, Any] = _with_tuples(tomllib.loads(text))
     return table
 
 

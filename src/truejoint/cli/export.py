@@ -38,8 +38,8 @@ def export(
     stated = {"level": options.share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
     if kind in ("bag", "simulator"):
-        option, other = ("--profile", prefix) if kind == "bag" else ("--prefix", profile)
-        if how or compensate or other or precision != "double":
+        option, other = ("--profile", prefix) if kind == "bag" else ("--prefix", profile or None)
+        if how or compensate or other is not None or precision != "double":
             raise ExportError(f"--to {kind} takes {option}; leave other options out")
         if kind == "bag":
             return _export_bag(name, output, profile, force=force)
