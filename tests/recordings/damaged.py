@@ -97,12 +97,13 @@ def _of_arrays(path: Path) -> pd.DataFrame:
 
 def _of_mat4(path: Path) -> pd.DataFrame:
     data, columns = path.read_bytes(), dict[str, Any]()
-    while data:
-        kind, rows, count, _, length = struct.unpack_from("<5i", data)
-        name, begin = data[20 : 20 + length - 1].decode(), 20 + length
-        dtype = np.dtype({0: "<f8", 10: "<f4", 20: "<i4", 30: "<i2", 40: "<u2", 50: "u1"}[kind])
-        columns[name] = np.frombuffer(data, dtype, rows * count, begin)
-        data = data[begin + columns[name].nbytes :]
+    with contextlib.suppress(Exception):  # what stands before something else is read all the same
+        while data:
+            kind, rows, count, _, length = struct.unpack_from("<5i", data)
+            name, begin = data[20 : 20 + length - 1].decode(), 20 + length
+            dtype = np.dtype({0: "<f8", 10: "<f4", 20: "<i4", 30: "<i2", 40: "<u2", 50: "u1"}[kind])
+            columns[name] = np.frombuffer(data, dtype, rows * count, begin)
+            data = data[begin + columns[name].nbytes :]
     return pd.DataFrame({"t": columns["time"], "measured/jaw": columns["q"]})
 
 

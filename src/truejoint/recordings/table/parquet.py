@@ -14,7 +14,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError, words
 from truejoint.files import check_ending, content_hash, is_as_written, write_atomically
 from truejoint.recordings.bounded_file import MAX_VALUES, Allowance, DamagedError, require_file
-from truejoint.recordings.table.parquet_pages import page_sizes
+from truejoint.recordings.table.parquet_pages import chunks, page_sizes
 from truejoint.recordings.table.recording import Provenance, Recording, as_recording
 from truejoint.robots import Robot, robot_of
 
@@ -184,9 +184,9 @@ def _check_size(source: Path, metadata: Any, file: BinaryIO) -> None:
             f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
             f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
         )
-    groups = map(metadata.row_group, range(metadata.num_row_groups))
-    of_chunks = sum(g.column(k).num_values for g in groups for k in range(metadata.num_columns))
-    for sizes in ([8 * max(values, of_chunks)], page_sizes(file, metadata)):
+    of_chunks = chunks(file)
+    counted = max(values, sum(chunk.values for chunk in of_chunks))
+    for sizes in ([8 * counted], page_sizes(file, of_chunks)):
         room = Allowance.of_size(source, source.stat().st_size)
         for size in sizes:
             room.take(size)
