@@ -119,3 +119,11 @@ def test_slack_or_a_coarse_encoder_is_no_saturation():
 )
 def test_stamps_in_milliseconds_are_suspected(step, suspected):
     assert ("rate" in names(_jaw(MEASURED[:500], MEASURED[:500], step))) == suspected
+
+
+def test_stamps_scaled_to_milliseconds_are_whole_but_for_the_last_bit():
+    scaled = np.arange(500) * 0.05 * 1000.0
+    assert (np.diff(scaled) != np.round(np.diff(scaled))).any()
+    columns = {"t": scaled, "measured/jaw": MEASURED[:500], "truth/jaw": MEASURED[:500]}
+    check = check_data(Recording.from_columns(columns, "davinci_grasper"))
+    assert "rate" in names(check)

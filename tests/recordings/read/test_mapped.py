@@ -113,7 +113,8 @@ def test_a_rig_without_a_robot_file_is_made_of_its_columns(tmp_path):
     recording = read_recording(path)
     assert recording.robot.joint_names == ("bend",)
     assert recording.provenance.notes == (
-        "no robot named: made one of the columns, bend [rad], without limits; left out: tip_x"
+        "no robot named: made one of the columns, bend [rad], without limits; "
+        "taken as effort/bend in Nm; left out: tip_x"
     )
     assert set(recording.units) == {"measured/bend", "truth/bend", "effort/bend"}
     (tmp_path / "my.toml").write_text(

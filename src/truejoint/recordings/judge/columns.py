@@ -66,7 +66,9 @@ def judge_columns(
 def _clock(t: Array) -> Iterable[Defect]:
     step = np.diff(t)
     usual = float(np.median(step))
-    whole = len(t) >= _FEWEST and usual > 1.0 and bool((step == np.round(step)).all())
+    # Whole numbers but for what scaling them to milliseconds left.
+    is_whole = np.abs(step - np.round(step)).max() < 1e-6
+    whole = len(t) >= _FEWEST and usual > 1.0 and bool(is_whole)
     if whole or not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
         what = f"a row every {usual:.3g} s" + (", in whole numbers" if whole else "")
         yield Defect("warn", "rate", what, "time stamps", size=usual)

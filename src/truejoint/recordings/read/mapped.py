@@ -352,6 +352,12 @@ def _robot(
         machine = Robot("rig", tuple(joints.values()))
         listed = ", ".join(f"{joint.name} [{joint.unit}]" for joint in machine.joints)
         notes = f"no robot named: made one of the columns, {listed}, without limits"
+        assumed = [
+            f"{name} in {default_unit(name, machine)}"
+            for name, (quantity, channel) in names.items()
+            if channel and quantity not in POSITION_QUANTITIES and not mapping.columns[name].unit
+        ]
+        notes += f"; taken as {', '.join(assumed)}" if assumed else ""
     for name, (quantity, channel) in names.items():
         if name != "t" and not (quantity and channel):
             raise RecordingError(
