@@ -6,8 +6,6 @@ dataclass, a union of these, or any of them `Annotated` with a rule of this modu
 default may be missing.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 import re
@@ -23,6 +21,7 @@ from typing import (
     Final,
     Literal,
     NamedTuple,
+    Self,
     TypeVar,
     Union,
     cast,
@@ -118,7 +117,7 @@ class _Broken(Exception):  # it never leaves this module
         super().__init__(text)
         self.path = ""
 
-    def within(self, key: str | int) -> _Broken:
+    def within(self, key: str | int) -> Self:
         """Give the same fault, one table or list further out."""
         if isinstance(key, int):
             step = f"[{key}]"

@@ -11,8 +11,6 @@ kernels, a few functions of `math`. A name that is read behind a loop or choice 
 Anything else raises `Unprintable`.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The memory of kernels as C: a struct of what they change, constants for all the rest."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -45,7 +43,7 @@ class Struct:
     type: str  # of the C struct
     memory: Memory
     written: set[str] = field(default_factory=set)
-    parts: dict[str, Struct] = field(default_factory=dict)
+    parts: "dict[str, Struct]" = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.fields: dict[tuple[Side, int], Field] = {}  # by the index that kernels use
@@ -64,7 +62,7 @@ class Struct:
         source: Any = self.memory.memory if f.kind == "scalar" else self.memory.numbers
         return np.asarray(source[f.index : f.index + 1])
 
-    def walk(self) -> Iterator[Struct]:
+    def walk(self) -> "Iterator[Struct]":
         """Parts first, then this one."""
         for part in self.parts.values():
             yield from part.walk()

@@ -4,8 +4,6 @@ A model's functions are called through their addresses, so that one compiled fil
 serves every model. So is its step, which would be compiled anew into everything that takes one.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 from numba import types

@@ -1,7 +1,5 @@
 """The unscented Kalman filter: a whole record in one compiled call, or one step at a time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -42,7 +40,7 @@ class FilterState:
     array([0.])
     """
 
-    owner: UnscentedFilter
+    owner: "UnscentedFilter"
     numbers: Integers = field(repr=False)
     memory: Array = field(repr=False)
     x: Array

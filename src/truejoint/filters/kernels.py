@@ -4,8 +4,6 @@ Equation numbers are those of yan2020, section III-B. All arrays live in the fil
 `fields`); nothing is allocated and nothing raised.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

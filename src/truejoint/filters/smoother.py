@@ -1,7 +1,5 @@
 """The unscented Rauch-Tung-Striebel smoother over a filtered record, as a compiled kernel."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """State-space models that a user writes."""
 
-from __future__ import annotations
-
 import dis
 import warnings
 from collections.abc import Callable, Mapping

@@ -1,11 +1,9 @@
 """What a tracker or a camera saw of a marker on the tool: a file of points or poses, or a topic."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -102,7 +100,7 @@ class Track:
     def __len__(self) -> int:
         return self.t.size
 
-    def rows(self, selection: Mask | Integers | slice) -> Track:
+    def rows(self, selection: Mask | Integers | slice) -> "Track":
         """Keep the selected readings only."""
         turns = None if self.orientation is None else self.orientation[selection]
         return Track(self.t[selection], self.position[selection], turns, self.source, self.dropped)
@@ -110,7 +108,7 @@ class Track:
     @classmethod
     def of_readings(
         cls, t: Array, position: Array, orientation: Array | None = None, source: str = "tracker"
-    ) -> Track:
+    ) -> Self:
         """Track of all that a tracker reports, in which the marker may be lost at times.
 
         A marker is lost where a value is NaN, the quaternion is zero or the point is the origin; a
