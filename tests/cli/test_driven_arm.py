@@ -12,7 +12,8 @@ from tests.crtk.instant_twin import InstantTwin
 from tests.local_ros import LocalRos
 
 import truejoint
-from truejoint.cli import driven_arm, monitor
+from truejoint.cli import driven_arm
+from truejoint.cli import teleop as monitor
 from truejoint.crtk import Arm, PacedBackend, protocol
 from truejoint.crtk.backends import ros as backends
 from truejoint.crtk.server import ArmServer

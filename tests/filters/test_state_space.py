@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from truejoint.filters.sigma_points import FilterError
-from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
+from truejoint.filters.state_space import (
+    FilterError,
+    StateSpaceModel,
+    check_covariance,
+    covariance_factor,
+)
 
 
 @njit

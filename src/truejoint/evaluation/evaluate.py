@@ -23,16 +23,16 @@ from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.conditions import conditions_of
 from truejoint.errors import CalibrationError, RecordingError, unknown
-from truejoint.evaluation.conditions import unlike
-from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, by_recording
 from truejoint.evaluation.scoring import (
     domain_of,
+    judge_interval,
     judge_recording,
     rmse,
     score_errors,
     score_recordings,
+    unlike,
     why_no_cartesian,
     worst_stretches,
 )

@@ -15,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export import c_values as c
-from truejoint.export.c_structs import Handle, Record, Struct, Unprintable, kind_of
+from truejoint.export.c_values import Handle, Record, Struct, Unprintable, kind_of
 
 if TYPE_CHECKING:
     from truejoint.export.c_printer import Printer

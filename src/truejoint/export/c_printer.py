@@ -25,7 +25,7 @@ from numba.core.dispatcher import Dispatcher
 
 from truejoint.export import c_values as c
 from truejoint.export.c_function import Function
-from truejoint.export.c_structs import Constant, Handle, Side, Struct, Unprintable, kind_of
+from truejoint.export.c_values import Constant, Handle, Side, Struct, Unprintable, kind_of
 from truejoint.layout import Field, Memory
 
 _WIDE: Final = (files(__package__) / "templates/wide.h").read_text("utf-8")

@@ -12,9 +12,14 @@ from truejoint.compiled import address, compiled, copy
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import call_step, unpack_filter
-from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
 from truejoint.filters.smoother import smooth
-from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
+from truejoint.filters.state_space import (
+    FilterError,
+    ScaledSigmaPoints,
+    StateSpaceModel,
+    check_covariance,
+    covariance_factor,
+)
 from truejoint.layout import Memory, refuse_copy
 
 

@@ -10,7 +10,7 @@ import pytest
 from truejoint.errors import RecordingError
 from truejoint.recordings import read_parquet
 from truejoint.recordings.bounded_file import DamagedError
-from truejoint.recordings.table.parquet_pages import page_sizes
+from truejoint.recordings.table.parquet import page_sizes
 
 hostile = pytest.importorskip("tests.recordings.hostile", reason="truejoint[ros]")
 

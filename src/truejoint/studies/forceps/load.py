@@ -15,8 +15,16 @@ from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
-from truejoint.studies.forceps.methods import rms, settled, within
-from truejoint.studies.forceps.motions import Plain, drawn_specimens, load_test, record, signals
+from truejoint.studies.forceps.methods import (
+    Plain,
+    drawn_specimens,
+    load_test,
+    record,
+    rms,
+    settled,
+    signals,
+    within,
+)
 from truejoint.studies.forceps.paper import cases
 from truejoint.studies.rows import frame_table, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary

@@ -17,7 +17,7 @@ from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, load_test, record, trajectory
+from truejoint.studies.forceps.methods import Plain, load_test, record, trajectory
 from truejoint.studies.rows import frame_table, reported, reported_text, select, unique
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed

@@ -21,8 +21,15 @@ from truejoint.simulation.forceps.specimens import PRIORS, population
 from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.claim_tests import RULE, mostly, ordered
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.methods import settled
-from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals, tensioned
+from truejoint.studies.forceps.methods import (
+    Plain,
+    changed,
+    load_test,
+    record,
+    settled,
+    signals,
+    tensioned,
+)
 from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, quantiles, select, unique
 from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
 
