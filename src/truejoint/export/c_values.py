@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from importlib.resources import files
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -202,14 +203,8 @@ FUNCTIONS: Final = frozenset(
     {"sqrt", "exp", "expm1", "log", "log1p", "sin", "cos", "tan", "atan", "atan2", "tanh", "ceil",
      "floor", "hypot", "copysign"}
 )  # fmt: skip
-_C_AND_CPP: Final = """
-auto break case char const continue default do double else enum extern float for goto if inline int
-long register restrict return short signed sizeof static struct switch typedef union unsigned void
-volatile while and bool catch class delete explicit export false friend mutable namespace new not
-operator or private protected public template this throw true try typename using virtual xor real
-main NAN INFINITY div abs exit y0 y1 yn j0 j1 jn gamma
-"""
-RESERVED: Final = FUNCTIONS | frozenset(_C_AND_CPP.split())
+_RESERVED: Final = files(__package__).joinpath("templates/reserved.txt").read_text("utf-8")
+RESERVED: Final = FUNCTIONS | frozenset(_RESERVED.split())
 _TESTS: Final = frozenset({"isnan", "isfinite", "isinf"})
 _FOLDED: Final = FUNCTIONS | _TESTS | {"fabs", "abs"}
 COMPARISONS: Final[Mapping[type, tuple[str, int, Callable[[Any, Any], Any]]]] = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import platform
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
@@ -11,7 +10,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from hashlib import sha256
-from importlib.metadata import version
 from importlib.resources import files
 from itertools import combinations, cycle, product
 from pathlib import Path
@@ -22,6 +20,7 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint import drawing
+from truejoint._version import __version__, versions
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 _POLICY: Final = "script-src 'self'"  # as the template has it
 _SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 _ESCAPED: Final = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u.{4}|\\.")  # what JSON's writer escapes
-_PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
 def write_report(
@@ -318,15 +316,10 @@ def facts(evaluation: Evaluation, what: str) -> list[str]:
         f"tested on {len(evaluation.rows):,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
         now_text(),
-        f"truejoint {version('truejoint')}",
+        f"truejoint {__version__}",
     ]
 
 
 def now_text() -> str:
     """Time of a page that is made now, to the minute."""
     return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-
-
-def versions() -> list[tuple[str, str]]:
-    """Versions of Python and of the packages that a result depends on."""
-    return [("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)]

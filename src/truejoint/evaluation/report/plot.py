@@ -14,6 +14,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
 from truejoint.recordings.table.stream import gaps
+from truejoint.toml_file import shipped_table
 
 Spec = dict[str, Any]
 Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves
@@ -32,6 +33,7 @@ DARK: Final = {
 
 COLOURS: Final = {"truth": INK, RAW: GREY, OFFSET: ORANGE, "chosen": BLUE}
 
+_LOOK: Final = shipped_table(__package__, "assets/look.toml")
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 
@@ -67,16 +69,9 @@ def plain(text: str) -> str:
 
 def coloured(x: Array, y: Array, colour: Array, title: str, highest: float, **style: Any) -> Spec:
     """Draw dots in a plane by `colour` (n,) from 0 on; the legend leaves them out."""
-    bar = {
-        "len": 0.8,
-        "y": 0.45,
-        "title": {"text": plain(title), "side": "top"},
-        "thickness": 10,
-        "outlinewidth": 0,
-    }
-    marker = {
-        "color": packed(colour), "cmin": 0.0, "cmax": highest, "colorscale": "Viridis",
-        "showscale": True, "colorbar": bar, "line": {"width": 0}, **style,
+    bar = _LOOK["colour_bar"] | {"title": {"text": plain(title), "side": "top"}}
+    marker = _LOOK["coloured_dots"] | {
+        "color": packed(colour), "cmax": highest, "colorbar": bar, **style,
     }  # fmt: skip
     return scatter("markers", x, y, title, marker=marker, showlegend=False)
 
@@ -104,16 +99,10 @@ def path(parts: Sequence[Array], most: int, name: str, colour: str, **options: A
 def axis(title: str = "", **options: Any) -> Spec:
     """Describe a plain axis with a light grid."""
     return {
-        "title": {"text": plain(title), "standoff": 6, "font": {"size": 12}},
+        "title": {"text": plain(title), **_LOOK["axis_title"]},
         "gridcolor": GRID,
         "zerolinecolor": ZERO,
-        "linecolor": "#8b9198",
-        "tickfont": {"size": 11},
-        "ticks": "outside",
-        "ticklen": 3,
-        "tickcolor": "#8b9198",
-        "showline": True,
-        "automargin": True,
+        **_LOOK["axis"],
         **options,
     }
 
@@ -122,12 +111,10 @@ def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
     """Curves, and the layout that all figures share with their own axes."""
     layout = {
         "height": height,
-        "margin": {"l": 56, "r": 12, "t": 10, "b": 44},
         "font": {"family": FONT, "size": 12, "color": INK},
         "paper_bgcolor": PAPER,
         "plot_bgcolor": PAPER,
-        "hovermode": "closest",
-        "showlegend": False,  # the page has one that a keyboard reaches
+        **_LOOK["layout"],
         **options,
     }
     return {"data": data, "layout": layout}

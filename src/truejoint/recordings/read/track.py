@@ -18,6 +18,7 @@ from truejoint.recordings.read.bags.reading import Bags, as_paths, bag_topics, r
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import forward_rows
+from truejoint.toml_file import shipped_table
 from truejoint.units import FACTORS
 
 _COLUMNS: Final = ("t", "x", "y", "z")
@@ -31,13 +32,7 @@ BACK: Final = "tracker: time stamp not after the one before"
 
 _FEWEST: Final = 50  # readings that can tell a tracker's place
 _MOST_LOST: Final = 0.9  # share of the readings
-# Where the point and the orientation stand in a message (ROS, geometry_msgs).
-_FIELDS: Final[Mapping[str, tuple[str, str]]] = {
-    "geometry_msgs/PointStamped": ("point", ""),
-    "geometry_msgs/PoseStamped": ("pose.position", "pose.orientation"),
-    "geometry_msgs/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
-    "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation"),
-}
+_FIELDS: Final[Mapping[str, tuple[str, str]]] = shipped_table(__package__, "layouts.toml")["poses"]
 # What an arm says of itself is no tracker's.
 _POSE: Final = "measured_cp"
 _OWN: Final = (_POSE, "setpoint_cp", "goal_cp", "servo_cp", "move_cp", "interpolate_cp")

@@ -31,7 +31,7 @@ from truejoint.studies.forceps.methods import (
     tensioned,
 )
 from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, quantiles, select, unique
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summary
 
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""
@@ -245,7 +245,7 @@ def swinging_summary(results: Results) -> Summary:
     table = frame_table("Loads that swing", texts, (note, RULE), head="load")
     swung = [name for name in unique(rows, "load") if name != UNLOADED and name[0] != "0"]
     low, high = ({"method": name} for name in (m.BEST, m.PAPERS_BEST))
-    claim = Statement(CLAIMS["swinging"], ordered(low, high, {"load": swung}))
+    claim = CLAIMS["swinging"]._replace(judge=ordered(low, high, {"load": swung}))
     judged = {m.BEST, m.PAPERS_BEST} <= set(rows.method) and swung
     return Summary((table,), claims=[claim.judged(rows)] if judged else ())
 
