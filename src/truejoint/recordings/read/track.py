@@ -12,9 +12,14 @@ from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.files import is_folder
 from truejoint.recordings.bounded_file import Head
-from truejoint.recordings.read.bags.assembling import find_wiring
+from truejoint.recordings.read.bags.assembling import (
+    Bags,
+    as_paths,
+    bag_topics,
+    find_wiring,
+    read_topic,
+)
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.bags.reading import Bags, as_paths, bag_topics, read_topic
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import forward_rows
