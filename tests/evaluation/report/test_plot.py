@@ -6,8 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.evaluation.report.figures import binned
-from truejoint.evaluation.report.plot import every, extreme_rows, packed, panels, plain, thinned
+from truejoint.evaluation.report.figures import (
+    binned,
+    every,
+    extreme_rows,
+    packed,
+    plain,
+    side_by_side,
+    thinned,
+)
 
 
 @given(st.lists(st.floats(width=32, allow_nan=False), min_size=1, max_size=50))
@@ -36,7 +43,7 @@ def test_a_gap_breaks_the_curve():
 
 
 def test_panels_fill_the_width_without_touching():
-    layout = panels([({}, {}, [])] * 3, 100, gap=0.05)["layout"]
+    layout = side_by_side([({}, {}, [])] * 3, 100, gap=0.05)["layout"]
     domains = [layout[f"xaxis{number}"]["domain"] for number in ("", 2, 3)]
     assert domains[0][0] == 0.0
     assert domains[2][1] == pytest.approx(1.0)

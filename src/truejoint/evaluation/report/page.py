@@ -24,7 +24,7 @@ from truejoint._version import __version__, versions
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
-from truejoint.evaluation.report import figures, plot
+from truejoint.evaluation.report import figures
 from truejoint.evaluation.results import (
     OFFSET,
     Evaluation,
@@ -108,7 +108,7 @@ def render_report(evaluation: Evaluation, *, command: str = "") -> str:
     >>> render_report(evaluation).startswith("<!doctype html>")
     True
     """
-    pair = {n: plot.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
+    pair = {n: figures.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
     drawn = {
         "worst": list(figures.worst_stretches(evaluation)),
         "time": figures.over_time(evaluation),
@@ -257,7 +257,9 @@ def _render_touches(calibration: Calibration, report: TouchReport, command: str)
     )
 
 
-def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **values: Any) -> str:
+def render_figures(
+    template: str, drawn: Mapping[str, Iterable[figures.Figure]], **values: Any
+) -> str:
     """Fill a template that extends ``figures.html.j2`` with what is drawn, by section."""
     shown = [
         {"key": figure.key, "variants": figure.variants}
@@ -270,7 +272,7 @@ def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **
         view=view,
         title_of=estimator_title,
         plotly=(files(__package__) / "assets/plotly-gl3d.min.js").read_text(encoding="utf-8"),
-        figures=script_json({"figures": shown, "dark": plot.DARK}),
+        figures=script_json({"figures": shown, "dark": figures.DARK}),
         **values,
     )
 
