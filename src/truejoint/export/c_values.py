@@ -324,8 +324,6 @@ def _folded(style: Style, op: ast.operator, a: Known, b: Known, in_c: Expr) -> K
     return Known(value, in_c.text, in_c.level, origin) if named else Known(value, origin=origin)
 
 
-# ---------------------------------------------------------------------- statements
-
 NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")
 _BREAK = re.compile(r"(?<=, )|(?<= = )|(?= (?:&&|\|\||[-+*/|?:]) )")  # places to break a line at
 

@@ -22,16 +22,9 @@ from truejoint.export.c_vectors import Answers, Vectors, make_vectors
 from truejoint.files import write_all_atomically
 from truejoint.filters import FilterStatus
 from truejoint.robots import Robot
-from truejoint.runtime import fields
+from truejoint.runtime import correction, fields
 from truejoint.runtime.compensation import compensate
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import (
-    accept_offset,
-    acknowledge,
-    begin,
-    correct_sample,
-    tell_homing,
-)
 from truejoint.runtime.error_model import NOISE, inputs_and_noise
 from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
@@ -147,9 +140,12 @@ def source_files(
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None
     guard = prefix.upper()
+    kernels = (
+        correction.correct_sample, correction.begin, correction.acknowledge,
+        correction.tell_homing, correction.accept_offset,
+    )  # fmt: skip
     program = print_kernels(
-        (correct_sample, begin, acknowledge, tell_homing, accept_offset), memory, "state",
-        f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
+        kernels, memory, "state", f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
         named={"homing": f"{guard}_NOT_HOMED"},
         enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
     )  # fmt: skip

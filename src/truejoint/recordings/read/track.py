@@ -12,13 +12,7 @@ from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.files import is_folder
 from truejoint.recordings.bounded_file import Head
-from truejoint.recordings.read.bags.assembling import (
-    Bags,
-    as_paths,
-    bag_topics,
-    find_wiring,
-    read_topic,
-)
+from truejoint.recordings.read.bags import assembling
 from truejoint.recordings.read.bags.container import is_bag
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
 from truejoint.recordings.table.recording import Recording
@@ -149,7 +143,7 @@ class Track:
         return cls(t[usable], position[usable], turned, source, dropped)
 
 
-def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
+def read_track(path: assembling.Bags, topic: str = "", unit: str = "m") -> Track:
     """Read the points or poses of a marker on the tool from a file, or the bags of a session.
 
     Parameters
@@ -176,7 +170,7 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     >>> len(read_track("points.csv"))
     100
     """
-    sources = as_paths(path)
+    sources = assembling.as_paths(path)
     source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
@@ -194,12 +188,12 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
 
 
 def read_tool_poses(
-    bags: Bags, recording: Recording, profile: str = "", state: str = ""
+    bags: assembling.Bags, recording: Recording, profile: str = "", state: str = ""
 ) -> Track | None:
     """Read what the arm of a recording says in its bags of its tool's pose; None if nothing."""
-    paths, robot = as_paths(bags), recording.robot
-    topics = bag_topics(paths)
-    wiring = find_wiring(paths[0], topics, robot, profile, state, truth=None)
+    paths, robot = assembling.as_paths(bags), recording.robot
+    topics = assembling.bag_topics(paths)
+    wiring = assembling.find_wiring(paths[0], topics, robot, profile, state, truth=None)
     space = wiring.state.rpartition("/")[0]
     for name, (kind, count) in topics.items():
         arm = wiring.profile.arm_of(name)
@@ -224,7 +218,7 @@ def _read_text(head: Head) -> Array:
 def _read_bags(sources: Sequence[Path], topic: str) -> tuple[Array, str]:
     """Stamps [s], points and orientations of a topic as columns, and what they come from."""
     source = ", ".join(path.name for path in sources)
-    topics = bag_topics(sources)
+    topics = assembling.bag_topics(sources)
     kinds = {name: kind for name, (kind, count) in topics.items() if kind in _FIELDS and count}
     if not kinds:
         raise RecordingError(
@@ -241,6 +235,6 @@ def _read_bags(sources: Sequence[Path], topic: str) -> tuple[Array, str]:
     point, turn = _FIELDS[kinds[candidates[0]]]
     fields = [f"{point}.{axis}" for axis in "xyz"]
     fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
-    stamps, values = read_topic(sources, candidates[0], fields)
+    stamps, values = assembling.read_topic(sources, candidates[0], fields)
     columns = [values[name][:, 0].astype(np.float64) for name in fields]
     return np.column_stack([stamps / 1e9, *columns]), f"{source}: {candidates[0]}"
