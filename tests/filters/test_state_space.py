@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from truejoint.filters.state_space import (
-    FilterError,
-    StateSpaceModel,
-    check_covariance,
-    covariance_factor,
-)
+from truejoint.filters import FilterError, StateSpaceModel
+from truejoint.filters.state_space import check_covariance, covariance_factor
 
 
 @njit
