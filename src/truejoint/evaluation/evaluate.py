@@ -51,6 +51,7 @@ def evaluate(
     models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model]],
     recordings: Recording | Sequence[Recording],
     *,
+    chosen: str | None = None,
     tolerance: Mapping[str, float] | None = None,
     rezero: float = 0.0,
     check: DataCheck | None = None,
@@ -65,10 +66,13 @@ def evaluate(
     Parameters
     ----------
     models : Calibration, path of a model file, sequence of these, or mapping of str to these
-        All must correct the same joints, and the verdict is about the first. Several of one
-        estimator are seeds of it: errors and stretches show the first. A mapping is by estimator.
+        All must correct the same joints. Several of one estimator are seeds of it: errors and
+        stretches show the first. A mapping is by estimator.
     recordings : Recording or sequence of Recording
         With ``truth/<joint>`` of every calibrated joint.
+    chosen : str, optional
+        Estimator that the verdict is about, and that the advice keeps where nothing better is
+        certain; the first of `models` by default, and of several none is kept.
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
     rezero : float
@@ -103,12 +107,13 @@ def evaluate(
         by_estimator = {
             _REZEROED_RAW if name == RAW else name: own for name, own in by_estimator.items()
         }
-    in_use = next(iter(by_estimator)) if len(by_estimator) == 1 else ""
+        chosen = _REZEROED_RAW if chosen == RAW else chosen
+    in_use = chosen or (next(iter(by_estimator)) if len(by_estimator) == 1 else "")
     calibrations = {
         name: [seed.for_rezeroing if rezero > 0.0 else seed for seed in seeds]
         for name, seeds in by_estimator.items()
     }
-    chosen, joints = _checked_models(calibrations)
+    chosen, joints = _checked_models(calibrations, chosen)
     robot, model = common_robot(recordings), calibrations[chosen][0]
     check = check or check_data(recordings, joints=joints, model=model)
     units = {joint: robot.joint(joint).unit for joint in joints}
@@ -219,10 +224,12 @@ def _by_estimator(models: Any) -> dict[str, list[Calibration]]:
     return grouped
 
 
-def _checked_models(calibrations: Models) -> tuple[str, tuple[str, ...]]:
+def _checked_models(calibrations: Models, chosen: str | None) -> tuple[str, tuple[str, ...]]:
     if not calibrations or not all(calibrations.values()):
         raise CalibrationError("there is no calibration to evaluate; give at least one")
-    chosen = next(iter(calibrations))
+    chosen = chosen or next(iter(calibrations))
+    if chosen not in calibrations:
+        raise CalibrationError(f"the verdict: {unknown('calibration', chosen, calibrations)}")
     joints = tuple(calibrations[chosen][0].joints)
     for name, seed in ((name, seed) for name, seeds in calibrations.items() for seed in seeds):
         if tuple(seed.joints) != joints:
