@@ -22,7 +22,7 @@ from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.conditions import conditions_of
-from truejoint.errors import CalibrationError, RecordingError
+from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, by_recording
