@@ -40,6 +40,15 @@ class ScaledSigmaPoints:
     With ``kappa < 0`` a strongly curved model can make that covariance indefinite; the filter then
     leaves the offending term out and says so in its status.
 
+    The kernels place 2 L points at plus and minus `reach` times the columns of a covariance factor
+    and let each weigh 1 / (2 reach^2). The centre's weights follow from that, because mean weights
+    sum to one; in terms of differences d_i from the centre's image and their weighted sum mu, ::
+
+        mean = centre + mu,        covariance = sum_i w d_i d_i' + centre_correction mu mu'.
+
+    This is the usual weighted sum, rearranged: the centre's weight, about -1e6 for a small alpha,
+    never appears, and neither do the digits that it would cost.
+
     Parameters
     ----------
     alpha : float

@@ -26,7 +26,10 @@ _DEEPEST: Final = 4  # structs within structs
 def page_sizes(file: BinaryIO, metadata: Any) -> Iterator[int]:
     """Bytes that reading each page takes: of its header, and unpacked.
 
-    Raises DamagedError where pages are not as Parquet has them.
+    They are those of the headers that Arrow makes room by: a file's metadata may lie. Layout:
+    apache/parquet-format (PageHeader, first two fields) and
+    apache/thrift:doc/specs/thrift-compact-protocol.md. Raises DamagedError where pages are not as
+    Parquet has them.
     """
     for group in map(metadata.row_group, range(metadata.num_row_groups)):
         for chunk in map(group.column, range(metadata.num_columns)):
