@@ -1,4 +1,4 @@
-"""State-space models that a user writes."""
+"""State-space models that a user writes, and the sigma points that a filter sends through them."""
 
 import dis
 import math
