@@ -61,7 +61,7 @@ from truejoint.robots import get_robot
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation import make_twin
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.studies.forceps.motions import record_forceps
+from truejoint.studies.forceps.methods import record_forceps
 
 PARTS = 10
 GCC = "/usr/bin/gcc"

@@ -20,7 +20,7 @@ from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import run_study, write_study
-from truejoint.studies.forceps.motions import record
+from truejoint.studies.forceps.methods import record
 
 console = Console(width=140)
 folder = Path("forceps-example")

@@ -30,7 +30,7 @@ from truejoint.recordings.join.joining import find_clock_offset
 from truejoint.runtime import Compensator, Corrector, OnFault, motor_loop
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.studies.forceps.motions import record
+from truejoint.studies.forceps.methods import record
 from truejoint.tables import DASH
 
 MEASURED, TRUE, OTHER, CORRECTED = "#b3541e", "#1a1a1a", "#8a8a8a", "#1f6fb2"

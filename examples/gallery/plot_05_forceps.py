@@ -11,7 +11,7 @@ import numpy as np
 
 import truejoint
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.studies.forceps.motions import record
+from truejoint.studies.forceps.methods import record
 
 # %%
 # Calibrate without a load

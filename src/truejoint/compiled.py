@@ -1,8 +1,6 @@
 # ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
 """How kernels are compiled, see parts of flat arrays, and are called through their addresses."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import inspect

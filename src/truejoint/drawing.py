@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, cycle, product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -31,14 +32,7 @@ SKY: Final = "#56b4e9"
 GREY: Final = "#9aa0a6"
 PALETTE: Final = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
 
-_STYLE: Final[dict[Any, Any]] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "legend.frameon": False,
-    "font.size": 9,
-}
+_STYLE: Final = Path(__file__).with_name("figures.mplstyle")
 _DPI: Final = 130
 _LEGEND: Final = 5
 """Names at most in a line of a legend."""
@@ -221,7 +215,7 @@ def plot(
 def _axes(figure: Figure, module: str, name: str) -> Any:
     """Axes (rows, columns) of a figure, which a function or class of matplotlib makes."""
     mpl, maker = (require(each, "plots", "a figure") for each in ("matplotlib", module))
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(fname=_STYLE):
         size = figure.width, figure.height
         picture = getattr(maker, name)(figsize=size, layout="constrained")
         axes = picture.subplots(len(figure.panels), len(figure.panels[0]), squeeze=False)

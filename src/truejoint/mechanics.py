@@ -1,7 +1,5 @@
 """Kernels that a simulated mechanism shares with a filter's model of one."""
 
-from __future__ import annotations
-
 import math
 
 from truejoint.array_types import Array

@@ -1,7 +1,5 @@
 """Products of a row with a matrix, in an order that any compiler turns into vector instructions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from truejoint.array_types import Array

@@ -6,8 +6,6 @@ dataclass, a union of these, or any of them `Annotated` with a rule of this modu
 default may be missing.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 import re
@@ -17,18 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
-from typing import (
-    Annotated,
-    Any,
-    Final,
-    Literal,
-    NamedTuple,
-    TypeVar,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-)
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -118,7 +105,7 @@ class _Broken(Exception):  # it never leaves this module
         super().__init__(text)
         self.path = ""
 
-    def within(self, key: str | int) -> _Broken:
+    def within(self, key: str | int) -> Self:
         """Give the same fault, one table or list further out."""
         if isinstance(key, int):
             step = f"[{key}]"
@@ -207,9 +194,9 @@ _hints = cache(partial(typing.get_type_hints, include_extras=True))
 
 def _reader(hint: Any, outer: _Rules | None = None) -> _Read:
     """Make the reader of an annotation; `outer` rules are those of what it stands in."""
-    inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    inner, *metadata = get_args(hint) if typing.get_origin(hint) is Annotated else (hint,)
     rules = {**(outer or {}), **{type(rule): rule for rule in metadata}}
-    kind, entries = get_origin(inner) or inner, get_args(inner)
+    kind, entries = typing.get_origin(inner) or inner, get_args(inner)
     if is_dataclass(inner) or hasattr(inner, "_fields"):
         return _table(inner)
     if inner in (float, int):
@@ -219,7 +206,7 @@ def _reader(hint: Any, outer: _Rules | None = None) -> _Read:
     if kind in (tuple, Mapping):
         of_numbers: _Rules = {rule: rules[rule] for rule in (Bounds, Key) if rule in rules}
         entries = tuple(e if e is Ellipsis else _reader(e, of_numbers) for e in entries)
-    elif kind in (Union, types.UnionType):
+    elif kind in (typing.Union, types.UnionType):
         entries = tuple(e if e is types.NoneType else _reader(e, rules) for e in entries)
     return partial(_READERS[kind], kind if kind is bool else entries, rules)
 
@@ -388,6 +375,6 @@ def _table(kind: type) -> _Read:
 _FINITE, _SAME, _ANY_LENGTH = Bounds(), Key(""), Length()
 _READERS: Final[Mapping[Any, Callable[[Any, _Rules, Any], Any]]] = {
     str: _read_text, Literal: _read_choice,
-    tuple: _read_tuple, np.ndarray: _read_array, Mapping: _read_mapping, Union: _read_one_of,
+    tuple: _read_tuple, np.ndarray: _read_array, Mapping: _read_mapping, typing.Union: _read_one_of,
     types.UnionType: _read_one_of, bool: _read_any, Any: _read_any,
 }  # fmt: skip

@@ -1,7 +1,5 @@
 """Display of the package's values in a terminal, in a notebook and in JSON."""
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping

@@ -15,7 +15,7 @@ from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ZeroShift
 from truejoint.studies.forceps.load import effective_stiffness, rocking_test
-from truejoint.studies.forceps.motions import record_forceps
+from truejoint.studies.forceps.methods import record_forceps
 
 # Off Table 1: a thicker jaw pulley, a smaller wheel, another gear.
 OFF = {"mechanism.jaw_radius": 4.6e-3, "mechanism.wheel_radius": 9e-3, "mechanism.gear_ratio": 40.0}

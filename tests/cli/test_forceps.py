@@ -12,7 +12,7 @@ from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ZeroShift
-from truejoint.studies.forceps.motions import record
+from truejoint.studies.forceps.methods import record
 
 PLANT = specimen("A")
 SHIFT = 2e-5

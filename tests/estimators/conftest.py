@@ -12,7 +12,7 @@ from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.studies.forceps.motions import record_forceps
+from truejoint.studies.forceps.methods import record_forceps
 
 Model = TypeVar("Model", bound=JawEstimator)
 

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from truejoint.calibration import calibrate, find_zero, with_interval
 from truejoint.evaluation import evaluate, interval_table, render_report
-from truejoint.evaluation.intervals import coverage_of
+from truejoint.evaluation.scoring import coverage_of
 from truejoint.recordings import Provenance, Recording
 
 JOINTS = ("shoulder", "elbow", "insertion")

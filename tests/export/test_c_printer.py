@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, matrix, unrolled, vector
 from truejoint.export.c_printer import print_kernels
-from truejoint.export.c_structs import Unprintable
+from truejoint.export.c_values import Unprintable
 from truejoint.layout import Layout, Memory
 
 from .library import FLAGS, SAME_BITS, compile_c, needs_compiler

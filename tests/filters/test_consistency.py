@@ -9,8 +9,7 @@ import scipy.stats
 from numba import njit
 
 from truejoint.filters import UnscentedFilter
-from truejoint.filters.sigma_points import ScaledSigmaPoints
-from truejoint.filters.state_space import StateSpaceModel
+from truejoint.filters.state_space import ScaledSigmaPoints, StateSpaceModel
 
 RUNS, ROWS, DT = 50, 400, 0.01
 Q = np.diag([1e-6, 4e-4, 1e-6, 4e-4])

@@ -12,9 +12,8 @@ from numba import njit
 from tests.filters.linear import linear_model
 
 from truejoint.filters import FilterResult, UnscentedFilter
-from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
-from truejoint.filters.state_space import StateSpaceModel
-from truejoint.filters.status import FilterStatus as Status
+from truejoint.filters.fields import FilterStatus as Status
+from truejoint.filters.state_space import FilterError, ScaledSigmaPoints, StateSpaceModel
 
 DT = 0.01
 

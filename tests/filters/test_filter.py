@@ -14,9 +14,8 @@ from tests.filters.linear import linear_model
 from tests.filters.test_faults import seen, still
 
 from truejoint.filters import UnscentedFilter
-from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
-from truejoint.filters.state_space import StateSpaceModel
-from truejoint.filters.status import FilterStatus
+from truejoint.filters.fields import FilterStatus
+from truejoint.filters.state_space import FilterError, ScaledSigmaPoints, StateSpaceModel
 
 POINTS = (
     ScaledSigmaPoints(),

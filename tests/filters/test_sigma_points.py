@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
+from truejoint.filters.state_space import FilterError, ScaledSigmaPoints
 
 
 @given(

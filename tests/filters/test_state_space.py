@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from truejoint.filters.sigma_points import FilterError
-from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
+from truejoint.filters import FilterError, StateSpaceModel
+from truejoint.filters.state_space import check_covariance, covariance_factor
 
 
 @njit

@@ -23,8 +23,8 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.forceps.motions import record_forceps
-from truejoint.studies.wrist import motions
+from truejoint.studies.forceps.methods import record_forceps
+from truejoint.studies.wrist import accuracy as motions
 
 from . import streams
 from .streams import ready

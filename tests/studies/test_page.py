@@ -8,7 +8,7 @@ from tests.chromium import FOUND, Chromium
 
 from truejoint.errors import StudyError
 from truejoint.studies import run_study, write_overview, write_study
-from truejoint.studies.study import Stated
+from truejoint.studies.study import Statement
 
 
 @pytest.fixture
@@ -111,8 +111,8 @@ def test_options_of_their_own_and_what_claims_were_judged_on_are_shown(toy, fold
 def test_claims_stand_in_one_list_with_their_numbers(folder, monkeypatch):
     from truejoint.studies import page  # noqa: PLC0415
 
-    known = {"a": Stated("means differ", "toy2020", "toy", number="T1")}
-    known["b"] = Stated("never tried", "toy2020", "other", number="T2")
+    known = {"a": Statement("means differ", "toy2020", "toy", number="T1")}
+    known["b"] = Statement("never tried", "toy2020", "other", number="T2")
     monkeypatch.setattr(page, "CLAIMS", known)
     path = folder / "toy" / "toy.json"
     result = json.loads(path.read_text())

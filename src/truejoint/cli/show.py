@@ -140,7 +140,7 @@ def is_model(path: Path) -> bool:
 
 def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell what a model is, and the signals of a sample in order with their trained ranges."""
-    from truejoint.evaluation.conditions import learnt_texts
+    from truejoint.evaluation.scoring import learnt_texts
     from truejoint.recordings.bounded_file import sha256_of
 
     model = truejoint.read_calibration(path)

@@ -23,19 +23,9 @@ from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.conditions import conditions_of
 from truejoint.errors import CalibrationError, RecordingError, unknown
-from truejoint.evaluation.conditions import unlike
-from truejoint.evaluation.intervals import judge_interval
+from truejoint.evaluation import scoring
 from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, by_recording
-from truejoint.evaluation.scoring import (
-    domain_of,
-    judge_recording,
-    rmse,
-    score_errors,
-    score_recordings,
-    why_no_cartesian,
-    worst_stretches,
-)
 from truejoint.evaluation.verdict import (
     PLAIN,
     advise,
@@ -127,17 +117,22 @@ def evaluate(
     robot, model = common_robot(recordings), calibrations[chosen][0]
     check = check or check_data(recordings, joints=joints, model=model)
     units = {joint: robot.joint(joint).unit for joint in joints}
-    note = why_no_cartesian(robot, recordings)
+    note = scoring.why_no_cartesian(robot, recordings)
     against = _with_baselines(calibrations, chosen)
     names = unique_names([recording.provenance.source for recording in recordings])
     judged = [
-        judge_recording(recording, name, against, joints, None if note else robot, chosen, rezero)
+        scoring.judge_recording(
+            recording, name, against, joints, None if note else robot, chosen, rezero
+        )
         for recording, name in zip(recordings, names, strict=True)
     ]
     by_seed, rows = (pd.concat(parts, join="inner") for parts in zip(*judged, strict=True))
     errors = by_seed.xs(0, axis=1, level="seed")
-    domain = domain_of(rows)
-    scores, each = score_errors(by_seed, rows, units), score_recordings(by_seed, rows, units)
+    domain = scoring.domain_of(rows)
+    scores, each = (
+        scoring.score_errors(by_seed, rows, units),
+        scoring.score_recordings(by_seed, rows, units),
+    )
     comparisons = DataFrame(_comparisons(errors, rows, joints, chosen))
     of_plain = {name for name, seeds in calibrations.items() if seeds[0].estimator in PLAIN}
     verdict = judge(
@@ -161,10 +156,10 @@ def evaluate(
             plain.correct(recording)[np.isin(recording.t, own["t"])] - own["truth"].to_numpy()
             for recording, (_, own) in zip(recordings, judged, strict=True)
         ]
-        verdict = rezero_remark(verdict, rmse(np.concatenate(plain_errors)), rezero)
+        verdict = rezero_remark(verdict, scoring.rmse(np.concatenate(plain_errors)), rezero)
     tested = {n: conditions_of(r, joints) for n, r in zip(names, recordings, strict=True)}
     learnt = [c for session in model.origin.sessions for c in session.conditions]
-    remarks = (*verdict.remarks, *unlike(learnt, tested, recordings[0].units))
+    remarks = (*verdict.remarks, *scoring.unlike(learnt, tested, recordings[0].units))
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -178,7 +173,7 @@ def evaluate(
         scores=scores,
         recording_scores=each,
         cartesian_note=note,
-        worst=worst_stretches(rows, errors[chosen], verdict.joints),
+        worst=scoring.worst_stretches(rows, errors[chosen], verdict.joints),
         rezero=rezero,
         verdict=replace(verdict, remarks=remarks),
         check=check,
@@ -190,7 +185,7 @@ def evaluate(
             for r, name, (own, _) in zip(recordings, names, judged, strict=True)
         ),
         effort_units={j: recordings[0].units[f"effort/{j}"] for j in rows.get("effort", ())},
-        **judge_interval(by_estimator[chosen][0], recordings, rows),
+        **scoring.judge_interval(by_estimator[chosen][0], recordings, rows),
     )
 
 

@@ -1,7 +1,5 @@
 """What an evaluation found: the frame of errors, what is known by it, and the verdict."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -10,7 +8,7 @@ from functools import partial
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from pandas import DataFrame, Index, concat, factorize
@@ -20,12 +18,10 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, other_kind, unknown
 from truejoint.estimators import registry
 from truejoint.files import check_ending, write_atomically
+from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.summary import Summarised, json_values
 from truejoint.tables import decimals_for, fixed
 from truejoint.units import DisplayUnit, display_unit, with_unit
-
-if TYPE_CHECKING:
-    from truejoint.recordings import DataCheck
 
 RAW: Final = registry.RAW
 OFFSET: Final = registry.OFFSET

@@ -11,6 +11,7 @@ from rich import box
 from rich import table as rich_table
 from rich.text import Text
 
+from truejoint import tables
 from truejoint.array_types import Mask
 from truejoint.evaluation.results import (
     OFFSET,
@@ -23,16 +24,6 @@ from truejoint.evaluation.results import (
 from truejoint.evaluation.scoring import rmse
 from truejoint.evaluation.verdict import flags_text, limit_phrase
 from truejoint.recordings import JointCoverage
-from truejoint.tables import (
-    DASH,
-    Table,
-    decimals_for,
-    fixed,
-    percent_text,
-    share_text,
-    shown,
-    spread_text,
-)
 from truejoint.toml_file import shipped_table
 from truejoint.units import display_unit
 
@@ -42,13 +33,13 @@ _WORDS: Final = shipped_table(__package__, "words.toml")
 def main_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """RMSE, spread, largest error and percentage of each estimator, by joint and of the tool."""
     for name, unit, scores in as_evaluation(evaluation).shown_scores():
-        decimals = decimals_for(unit.scale * scores["rmse"])
+        decimals = tables.decimals_for(unit.scale * scores["rmse"])
         cells = [
             {
-                "rmse": fixed(unit.scale * score.rmse, decimals),
-                "spread": spread_text(unit.scale * score.spread, decimals),
-                "largest": fixed(unit.scale * score.max_abs, max(decimals - 1, 1)),
-                "percent": percent_text(score.percent_of_offset),
+                "rmse": tables.fixed(unit.scale * score.rmse, decimals),
+                "spread": tables.spread_text(unit.scale * score.spread, decimals),
+                "largest": tables.fixed(unit.scale * score.max_abs, max(decimals - 1, 1)),
+                "percent": tables.percent_text(score.percent_of_offset),
                 "chosen": score.estimator == evaluation.chosen,
                 "best": score.rmse == scores["rmse"].min(),
             }
@@ -71,9 +62,9 @@ def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     for name, unit, _ in evaluation.shown_scores():
         own, verdict = evaluation.score(evaluation.chosen, name), verdicts.get(name)
         limit = verdict.limit if verdict else evaluation.score(OFFSET, name).rmse
-        value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
+        value, beside = tables.shown([unit.scale * own.rmse, unit.scale * limit])
         against = limit_phrase(verdict) if verdict else f"{estimator_phrase(OFFSET)}'s"
-        percent = f"{percent_text(own.percent_of_offset)} of fixed offset"
+        percent = f"{tables.percent_text(own.percent_of_offset)} of fixed offset"
         yield {
             "name": name,
             "value": value,
@@ -90,13 +81,13 @@ def intervals(evaluation: Evaluation) -> DataFrame:
     rows = []
     for _, joint, unit in evaluation.shown_joints():
         scores = [s for s in each(evaluation.intervals) if s.joint == joint]
-        widths = shown([unit.scale * score.half_width for score in scores])
+        widths = tables.shown([unit.scale * score.half_width for score in scores])
         for score, width in zip(scores, widths, strict=True):
             error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
             rows.append(
                 {
                     "joint": joint,
-                    "within sampling error": score.agreement or DASH,
+                    "within sampling error": score.agreement or tables.DASH,
                     "stated": f"{100 * score.level:g} %",
                     "found inside": f"{100 * score.coverage:.1f}{error} %",
                     "half-width": width,
@@ -118,7 +109,7 @@ def domain_line(evaluation: Evaluation) -> str:
     """Share of the test that the loop would correct, and why not the rest."""
     domain = evaluation.domain
     flags = f"; it flags {flags_text(domain)}." if domain.flags else "."
-    return f"The loop would correct {share_text(domain.inside)} of the rows{flags}"
+    return f"The loop would correct {tables.share_text(domain.inside)} of the rows{flags}"
 
 
 def by_direction(evaluation: Evaluation) -> DataFrame:
@@ -153,8 +144,8 @@ def _before_after(evaluation: Evaluation, column: int, rows: Mask) -> dict[str, 
     for title, name in (("offset", OFFSET), ("after", evaluation.chosen)):
         error = unit.scale * evaluation.error(name, joint)[rows]
         numbers |= {f"{title}: mean": error.mean(), f"{title}: RMSE": rmse(error).item()}
-    decimals = decimals_for([value for title, value in numbers.items() if "RMSE" in title])
-    return {title: fixed(v, decimals) for title, v in numbers.items()} | {"unit": unit.name}
+    decimals = tables.decimals_for([value for title, value in numbers.items() if "RMSE" in title])
+    return {title: tables.fixed(v, decimals) for title, v in numbers.items()} | {"unit": unit.name}
 
 
 def worst_first(evaluation: Evaluation) -> list[str]:
@@ -179,7 +170,9 @@ def recordings(evaluation: Evaluation) -> DataFrame:
     for _, joint, unit in evaluation.shown_joints():
         own = scores[scores["joint"] == joint]
         before, after = (own[own["estimator"] == key] for key in (OFFSET, evaluation.chosen))
-        text = partial(fixed, decimals=min(decimals_for(unit.scale * after["rmse"]), 3))
+        text = partial(
+            tables.fixed, decimals=min(tables.decimals_for(unit.scale * after["rmse"]), 3)
+        )
         pair = [(unit.scale * one["rmse"]).map(text) for one in (before, after)]
         table[f"{joint} [{unit.name}]"] = pair[0] + " → " + pair[1]
         table[f"{joint}: max"] = (unit.scale * after["max_abs"]).map(text)
@@ -192,22 +185,22 @@ def coverage(joints: Sequence[JointCoverage]) -> DataFrame:
     rows = []
     for row in joints:
         unit, effort = display_unit(row.unit), display_unit(row.effort_unit)
-        low, high = shown([unit.scale * row.lowest, unit.scale * row.highest], most=2)
-        speed = shown([unit.scale * row.speed_median, unit.scale * row.speed_high])
-        force = shown([effort.scale * row.effort_low, effort.scale * row.effort_high])
+        low, high = tables.shown([unit.scale * row.lowest, unit.scale * row.highest], most=2)
+        speed = tables.shown([unit.scale * row.speed_median, unit.scale * row.speed_high])
+        force = tables.shown([effort.scale * row.effort_low, effort.scale * row.effort_high])
         effort_text = f"{force[0]} to {force[1]} {effort.name}".removesuffix(" 1")
         rows.append(
             {
                 "joint": row.joint,
                 "range": f"{low} to {high} {unit.name}",
-                "of travel": percent_text(100 * row.share_of_limits),
-                "filled": percent_text(100 * row.filled),
+                "of travel": tables.percent_text(100 * row.share_of_limits),
+                "filled": tables.percent_text(100 * row.filled),
                 "up / down / still %": " / ".join(
                     f"{100 * share:.0f}" for share in (row.up, row.down, row.standing)
                 ),
                 "speed": f"{speed[0]} / {speed[1]} {unit.name}/s",
-                "effort": effort_text if math.isfinite(row.effort_low) else DASH,
-                "no truth": percent_text(100 * row.truth_missing),
+                "effort": effort_text if math.isfinite(row.effort_low) else tables.DASH,
+                "no truth": tables.percent_text(100 * row.truth_missing),
                 "rows": f"{row.rows:,}",
                 "duration": duration(row.duration),
             }
@@ -234,16 +227,16 @@ def origin(
     A table is a list of objects, such as the sessions, without columns that are empty throughout.
     """
     facts: list[tuple[str, str]] = []
-    tables: list[tuple[str, DataFrame]] = []
+    framed: list[tuple[str, DataFrame]] = []
     choice = metadata.get("choice") or {}
     for key, value in {**metadata, "choice": "", **choice}.items():
         if isinstance(value, list | tuple) and value and all(isinstance(v, Mapping) for v in value):
             rows = [{name: _text(name, cell) for name, cell in row.items()} for row in value]
             table = DataFrame(rows).fillna("")
-            tables.append((_label(key), table.loc[:, (table != "").any()].rename(columns=_label)))
+            framed.append((_label(key), table.loc[:, (table != "").any()].rename(columns=_label)))
         elif text := _text(key, value):
             facts.append((_label(key), text))
-    return facts, tables
+    return facts, framed
 
 
 def _label(key: str) -> str:
@@ -304,12 +297,12 @@ def domain_table(evaluation: Evaluation) -> rich_table.Table:
     rows: list[tuple[str, ...]] = []
     for name, unit, scores in evaluation.shown_scores():
         if scores["rmse_outside"].notna().any():
-            text = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
+            text = partial(tables.fixed, decimals=tables.decimals_for(unit.scale * scores["rmse"]))
             for score in each(scores):
                 both = (text(unit.scale * v) for v in (score.rmse_inside, score.rmse_outside))
                 rows.append((f"{name} [{unit.name}]", estimator_title(score.estimator), *both))
     header = ("joint", "estimator", "inside", "outside")
-    return Table("RMSE inside and outside the trained domain", header, tuple(rows)).rich()
+    return tables.Table("RMSE inside and outside the trained domain", header, tuple(rows)).rich()
 
 
 def interval_table(evaluation: Evaluation) -> rich_table.Table:
@@ -326,4 +319,4 @@ def interval_table(evaluation: Evaluation) -> rich_table.Table:
     if not table.empty:
         table["joint"] += " [" + table.pop("unit") + "]"
     rows = tuple(map(tuple, table.to_numpy().tolist()))
-    return Table(title, tuple(map(str, table)), rows).rich()
+    return tables.Table(title, tuple(map(str, table)), rows).rich()

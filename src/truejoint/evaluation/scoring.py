@@ -4,17 +4,21 @@ An error is the estimated position minus the true one, in the joint's SI unit (r
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import PurePath
-from typing import Final
+from typing import Any, Final, cast
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from pandas import DataFrame
+from scipy.special import stdtrit
 
 from truejoint.array_types import Array, floats
-from truejoint.calibration import Calibration
+from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conditions import Condition
+from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.evaluation.results import AXES, OFFSET, RAW, TOOL, Domain, JointVerdict, by_recording
@@ -24,6 +28,8 @@ from truejoint.robots import Kinematics, Robot
 from truejoint.runtime import Status
 from truejoint.runtime.corrector import corrector_for
 from truejoint.runtime.limits import believable_corrections
+from truejoint.toml_file import shipped_table
+from truejoint.units import shown, shown_range
 
 WINDOW: Final = 10.0
 """Length of the worst stretches [s]."""
@@ -328,3 +334,210 @@ def worst_stretches(
                 )
     worst = DataFrame(found).sort_values("ratio", ascending=False, kind="stable")
     return worst.groupby("joint").head(_COUNT).drop(columns="ratio").reset_index(drop=True)
+
+
+_WANTED: Final = 0.9  # level of the band, where it is stated
+_NAMED: Final = 4  # recordings that a sentence names
+
+
+def judge_interval(
+    calibration: Calibration, recordings: Sequence[Recording], rows: DataFrame
+) -> dict[str, Any]:
+    """Judge the interval of a calibration on recordings that no part of it saw.
+
+    Recordings on which it would mislead are left out and named. A recording counts as one
+    trajectory; where the interval holds after any homing, all recordings after one homing do.
+    Gives what `Evaluation` says of intervals, by attribute, and its `rows` with bounds.
+    """
+    interval = calibration.interval
+    if interval is None:
+        return {"rows": rows}
+    level = min(map(float, interval.levels), key=lambda value: (abs(value - _WANTED), -value))
+    homings, bounds, judged = _own_homings(calibration), list[Array](), list[Recording]()
+    names_of: dict[str, list[str]] = {}  # recordings, by why they are left out
+    units: dict[str, list[tuple[Array, Array]]] = {}  # errors and widenings, by trajectory
+    for recording, part in zip(recordings, by_recording(rows.index), strict=True):
+        inputs, homing = calibration.rows(recording), recording.provenance.homing_id
+        has_truth = inputs.has_truth
+        scored = ~at_start(recording.t[has_truth], interval.rezero)
+        model = zeroed(calibration, inputs, interval.rezero)
+        position = model.correct(inputs)[has_truth]
+        widening = 1.0 + interval.growth * model.range_excess(inputs)[has_truth]
+        holds = _allows_offset(interval) or not homings or not homing or homing in homings
+        half = np.where(scored & holds, widening, math.nan)[:, None] * interval.half_width(level)
+        shown = np.isin(recording.t[has_truth], rows["t"].iloc[part])
+        bounds.append(np.hstack([position - half, position + half])[shown])
+        reason = ""
+        if model.origin.includes(recording):
+            reason = "used in the fit"
+        elif model.origin.includes(recording, in_interval=True):
+            reason = "used to make the interval"
+        elif not holds:
+            named = ", ".join(sorted(homings))
+            reason = f"the interval holds after the homing {named}, not after another"
+        elif not scored.any():
+            reason = f"all truth lies within the {interval.rezero:g} s that re-zero the model"
+        if reason:
+            names_of.setdefault(reason, []).append(rows.index[part][0])
+            continue
+        judged.append(recording)
+        shared = homing and interval.any_homing
+        unit = units.setdefault(f"homing {homing}" if shared else rows.index[part][0], [])
+        unit.append(((inputs.truth[has_truth] - position)[scored], widening[scored]))
+    objections = []
+    for reason, names in names_of.items():
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        listed = "; ".join(names[:_NAMED]) + more
+        objections.append(f"Coverage is not judged on {listed}: {reason}.")
+    places = pd.MultiIndex.from_product([("lower", "upper"), calibration.joints])
+    bounded = DataFrame(np.concatenate(bounds), rows.index, places)
+    return {
+        "intervals": DataFrame(_scores(calibration, list(units.values()))),
+        "interval_trajectories": tuple(units),
+        "interval_level": level,
+        "interval_note": _note(calibration, level, judged),
+        "interval_objections": tuple(objections),
+        "rows": pd.concat([rows, bounded], axis=1),
+    }
+
+
+def _allows_offset(interval: Interval) -> bool:
+    """Whether the interval holds after a fresh homing, which brings an offset."""
+    return interval.rezero > 0.0 or interval.any_homing
+
+
+def _own_homings(calibration: Calibration) -> set[str]:
+    """Homings of the interval's recordings or, where the model was re-zeroed since, that one."""
+    if calibration.zero is not None:
+        return {calibration.zero.homing_id} - {""}
+    return {session.homing_id for session in calibration.origin.interval_sessions} - {""}
+
+
+def _scores(
+    calibration: Calibration, units: Sequence[Sequence[tuple[Array, Array]]]
+) -> Iterator[dict[str, Any]]:
+    """Score every level and joint on errors and widenings of trajectories, by recording."""
+    interval = calibration.required_interval()
+    errors, widenings = (
+        [np.concatenate([pair[k] for pair in unit]) for unit in units] for k in range(2)
+    )
+    for row, level in enumerate(interval.levels if units else ()):
+        base = interval.half_widths[row]
+        allowed = [widening[:, None] * base for widening in widenings]
+        inside = [np.abs(e) <= most for e, most in zip(errors, allowed, strict=True)]
+        shares = np.array([rows.mean(axis=0) for rows in inside])
+        half_width = base * np.mean([widening.mean() for widening in widenings])
+        for k, joint in enumerate(calibration.joints):
+            yield {
+                "joint": joint,
+                "unit": calibration.units[f"measured/{joint}"],
+                "level": float(level),
+                **coverage_of(shares[:, k], level),
+                "half_width": half_width[k],
+                "shares": tuple(shares[:, k].tolist()),
+            }
+
+
+def coverage_of(shares: Array, level: float) -> dict[str, Any]:
+    """Mean of the shares (n,) inside, its sampling error, and whether it agrees with the level.
+
+    It cannot be told of a single trajectory: NaN, and an empty text.
+    """
+    coverage, n = float(shares.mean()), len(shares)
+    error, agreement = math.nan, ""
+    if n > 1:
+        error = float(shares.std(ddof=1)) / math.sqrt(n)
+        margin = float(stdtrit(n - 1, 0.975)) * error
+        agreement = "agrees"
+        if abs(coverage - level) > margin:
+            agreement = "too few inside" if coverage < level else "more inside"
+    return {"coverage": coverage, "standard_error": error, "agreement": agreement}
+
+
+def _note(calibration: Calibration, level: float, judged: Sequence[Recording]) -> str:
+    interval = calibration.required_interval()
+    note = f"Stated {interval.meaning}."
+    if judged:
+        n = interval.whole or interval.trajectories
+        inside = min(n, math.ceil(level * (n + 1) - 1e-9))
+        # Coverage given the set is Beta(inside, n + 1 - inside) when trajectories lie wholly
+        # inside or outside (Vovk, arXiv:1209.2673); samples that vary on their own average out.
+        scatter = math.sqrt(inside * (n + 1 - inside) / ((n + 1) ** 2 * (n + 2)))
+        what = "recordings" if interval.whole else "trajectories"
+        note += (
+            f" From one set of {n} {what} to another its coverage scatters by up to about "
+            f"{100 * scatter:.0f} %, which the sampling error of this test does not include."
+        )
+    if interval.rezero > 0.0:
+        note += (
+            f" Coverage and bands are of positions re-zeroed from the first {interval.rezero:g} s "
+            "of each recording, whatever other numbers are of."
+        )
+    stated = [session.load for session in calibration.origin.interval_sessions]
+    seen = [load for load in stated if not math.isnan(load)]
+    loads = {recording.provenance.load for recording in judged}
+    beyond = sorted(load for load in loads if seen and (load < min(seen) or load > max(seen)))
+    if beyond:
+        masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
+        note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
+    named = _own_homings(calibration) and all(r.provenance.homing_id for r in judged)
+    if not named and not _allows_offset(interval):
+        note += " Not all recordings name their homing; it is taken to be the same one."
+    return note
+
+
+_FACTOR: Final = 1.25  # beyond the least and the largest that were learnt, of what is a size
+_SHIFT: Final = 0.25  # of the shortest range that was learnt, beyond the middles that were learnt
+_SLOPE: Final = 0.02  # beyond the slopes that were learnt
+_LISTED: Final = 3  # recordings
+_WORDS: Final = shipped_table(__package__, "words.toml")["beyond"]
+
+
+def unlike(
+    learnt: Sequence[Condition], tested: Mapping[str, Sequence[Condition]], units: Mapping[str, str]
+) -> Iterator[str]:
+    """Say which conditions of recordings, by their names, lie beyond all that were learnt.
+
+    `units` are those of the columns ``measured/<joint>`` and ``effort/<joint>``.
+    """
+    least, most = _ends(learnt)
+    low, high = least / _FACTOR, most * _FACTOR
+    margins: dict[str, Any] = {"middle": _SHIFT * least["range"], "slope": _SLOPE}
+    for kind, margin in margins.items():
+        low[kind], high[kind] = least[kind] - margin, most[kind] + margin
+    frames = {name: DataFrame(list(each)).set_index("joint") for name, each in tested.items()}
+    values, ranges = pd.concat(frames, names=["recording"]), learnt_texts(learnt, units)
+    for joint, kind in product(least.index.intersection(values.index.unique("joint")), _WORDS):
+        column, at = values.xs(joint, level="joint")[kind], (joint, kind)
+        sides = column[column < low.at[at]], column[column > high.at[at]]
+        for words, beyond in zip(_WORDS[kind], sides, strict=True):
+            names = ", ".join(map(str, beyond.index[:_LISTED]))
+            if len(beyond) > _LISTED:
+                names += f" and {len(beyond) - _LISTED} more"
+            if names:
+                text = _range_text([beyond.min(), beyond.max()], kind, joint, units)
+                learnt_text = ranges[f"{kind} of {joint}"]
+                yield f"{joint} {words} than in training in {names}: {text}, learnt {learnt_text}."
+
+
+def learnt_texts(learnt: Sequence[Condition], units: Mapping[str, str]) -> dict[str, str]:
+    """Say the range of each condition that was learnt, by joint and condition."""
+    least, most = _ends(learnt)
+    return {
+        f"{kind} of {joint}": _range_text([least.at[joint, kind], high], kind, joint, units)
+        for joint, kind in product(least.index, _WORDS)
+        if math.isfinite(high := cast("float", most.at[joint, kind]))
+    }
+
+
+def _ends(learnt: Sequence[Condition]) -> tuple[DataFrame, DataFrame]:
+    """Least and largest of each condition, by joint."""
+    known = DataFrame(list(learnt), columns=["joint", *_WORDS]).groupby("joint", sort=False)
+    return known.min(), known.max()
+
+
+def _range_text(ends: Sequence[Any], kind: str, joint: str, units: Mapping[str, str]) -> str:
+    (low, high), quantity = map(float, ends), "effort" if kind == "effort" else "measured"
+    unit = units.get(f"{quantity}/{joint}", "")
+    unit = {"speed": f"{unit}/s", "slope": ""}.get(kind, unit)
+    return (shown_range(low, high, unit) if low < high else shown(low, unit)).strip()

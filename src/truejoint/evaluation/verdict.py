@@ -1,7 +1,5 @@
 """The verdict: is the chosen model good enough, may the test be believed, and what to deploy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +48,7 @@ def judge(
     *,
     tolerance: Mapping[str, float] | None = None,
     comparisons: DataFrame | None = None,
-    advice: Advice | None = None,
+    advice: "Advice | None" = None,
     objections: Sequence[str] = (),
     doubts: Sequence[str] = (),
 ) -> Verdict:

@@ -22,20 +22,14 @@ from truejoint.export.c_vectors import Answers, Vectors, make_vectors
 from truejoint.files import write_all_atomically
 from truejoint.filters import FilterStatus
 from truejoint.robots import Robot
-from truejoint.runtime import fields
+from truejoint.runtime import correction, fields
 from truejoint.runtime.compensation import compensate
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import (
-    accept_offset,
-    acknowledge,
-    begin,
-    correct_sample,
-    tell_homing,
-)
 from truejoint.runtime.error_model import NOISE, inputs_and_noise
 from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
+from truejoint.toml_file import shipped_table
 
 Precision = Literal["double", "float"]
 
@@ -51,33 +45,12 @@ LARGEST_SHARE: Final = 0.01
 """Of a joint's largest correction, that a float source may be off by: its check must be able to
 fail."""
 
-_IN_DOUBT: Final = (
-    "the measured one with the correction believed last, held for a time and then taken back",
-    "the measured one",
-    "NaN",
-)
-"""Position where the status is not 0, by the number of the reaction."""
-_TEMPLATES: Final = {
-    ".h": "corrector.h.j2",
-    ".c": "corrector.c.j2",
-    "_vectors.h": "vectors.h.j2",
-    "_check.c": "check.c.j2",
-}
+_FILES: Final = shipped_table(__package__, "templates/files.toml")
 _INPUTS: Final = ("t", "sample", "is_homed", "told_id", "offset")
 _COMPENSATOR_INPUTS: Final = ("status", "wanted", "measured", "correction", "setpoint", "gain")
 _OF_PYTHON: Final = Status.WRONG_SIZE | Status.OTHER_THREAD
 _MEANINGS: Final = {bit: bit.words for bit in Status if bit not in _OF_PYTHON}
 """Statuses but for what only a sample or a thread of Python can be."""
-_COMPENSATOR_TEMPLATES: Final = {f"_compensator.{e}": f"compensator.{e}.j2" for e in "hc"}
-_ROS_TEMPLATES: Final = {
-    "package.xml": "ros/package.xml.j2",
-    "CMakeLists.txt": "ros/CMakeLists.txt.j2",
-    "{}_joints.hpp": "ros/joints.hpp.j2",
-    "{}_ros1.cpp": "ros/ros1.cpp.j2",
-    "{}_ros2.cpp": "ros/ros2.cpp.j2",
-}
-_LAUNCH: Final = {1: "correct.launch", 2: "correct.launch.xml"}
-"""Launch file by the version of ROS."""
 
 
 def export_c(
@@ -167,9 +140,12 @@ def source_files(
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None
     guard = prefix.upper()
+    kernels = (
+        correction.correct_sample, correction.begin, correction.acknowledge,
+        correction.tell_homing, correction.accept_offset,
+    )  # fmt: skip
     program = print_kernels(
-        (correct_sample, begin, acknowledge, tell_homing, accept_offset), memory, "state",
-        f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
+        kernels, memory, "state", f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
         named={"homing": f"{guard}_NOT_HOMED"},
         enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
     )  # fmt: skip
@@ -179,7 +155,7 @@ def source_files(
     )
     context: dict[str, Any] = {
         "program": program, "is_filter": f"{guard}_FILTER_" in program.functions,
-        "in_doubt": _IN_DOUBT[int(memory.numbers[memory.layout.fields["on_fault"].index])],
+        "in_doubt": _FILES["in_doubt"][int(memory.numbers[memory.layout.fields["on_fault"].index])],
         "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
         "prefix": prefix, "guard": guard, "level": LEVEL if level is None else level,
         "title": calibration.title, "estimator": calibration.estimator,
@@ -190,7 +166,7 @@ def source_files(
         precision, calibration.joints, error,
         np.abs([limits.correction_lower, limits.correction_upper]).max(axis=0),
     )  # fmt: skip
-    templates = dict(_TEMPLATES)
+    templates = dict(_FILES["source"])
     context["compensates"] = compensator is not None
     if NOISE in calibration.metadata:
         templates["_error_model.h"] = "error_model.h.j2"
@@ -208,7 +184,7 @@ def source_files(
             "vector_start": vectors.sample[0, compensator.measured],
             "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
         }  # fmt: skip
-        templates |= _COMPENSATOR_TEMPLATES
+        templates |= _FILES["compensator"]
     return {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in templates.items()
@@ -458,10 +434,10 @@ def export_ros(
         "needs_setpoint": "setpoint_" in reads,
     }
     contents = source_files(calibration, prefix, precision, **how)
-    for name, template in _ROS_TEMPLATES.items():
+    for name, template in _FILES["ros"].items():
         contents[name.format(prefix)] = render(template, context, precision)
-    for ros, name in _LAUNCH.items():
-        about = {**context, "ros": ros, "file": name}
+    for ros, name in _FILES["launch"].items():
+        about = {**context, "ros": int(ros), "file": name}
         contents[name] = render("ros/launch.xml.j2", about, precision)
     return write_files(folder, contents, overwrite=overwrite)
 

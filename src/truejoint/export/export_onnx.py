@@ -1,19 +1,17 @@
 """Write a calibration's regressor as an ONNX graph."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.calibration.calibration import as_calibration
+from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.errors import ExportError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.run import factors_of
@@ -21,10 +19,6 @@ from truejoint.estimators.stack.run import columns_of, members
 from truejoint.export.export_c import Precision, check_precision, write_files
 from truejoint.extras import require
 from truejoint.files import check_ending
-
-if TYPE_CHECKING:  # whoever fitted it has imported what learns
-    from truejoint.calibration import Calibration
-
 
 # Old enough for every run time of the last years; the operators used here have not changed since.
 _OPSET: Final = 13

@@ -5,8 +5,6 @@ positive semidefinite because of how it is made and not by luck of rounding. The
 arrays that the caller owns and allocate nothing.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

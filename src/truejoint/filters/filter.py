@@ -1,7 +1,5 @@
 """The unscented Kalman filter: a whole record in one compiled call, or one step at a time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -14,9 +12,14 @@ from truejoint.compiled import address, compiled, copy
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import call_step, unpack_filter
-from truejoint.filters.sigma_points import FilterError, ScaledSigmaPoints
 from truejoint.filters.smoother import smooth
-from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
+from truejoint.filters.state_space import (
+    FilterError,
+    ScaledSigmaPoints,
+    StateSpaceModel,
+    check_covariance,
+    covariance_factor,
+)
 from truejoint.layout import Memory, refuse_copy
 
 
@@ -42,7 +45,7 @@ class FilterState:
     array([0.])
     """
 
-    owner: UnscentedFilter
+    owner: "UnscentedFilter"
     numbers: Integers = field(repr=False)
     memory: Array = field(repr=False)
     x: Array

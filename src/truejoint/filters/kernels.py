@@ -4,8 +4,6 @@ Equation numbers are those of yan2020, section III-B. All arrays live in the fil
 `fields`); nothing is allocated and nothing raised.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 
@@ -15,8 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import borrow, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
-from truejoint.filters.fields import call_measurement, call_model, unpack_filter
-from truejoint.filters.status import FilterStatus
+from truejoint.filters.fields import FilterStatus, call_measurement, call_model, unpack_filter
 
 LIMIT: Final = 1e100
 """Beyond it a number is out of range: squares within it, and sums of them, stay finite."""

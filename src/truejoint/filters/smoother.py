@@ -1,7 +1,5 @@
 """The unscented Rauch-Tung-Striebel smoother over a filtered record, as a compiled kernel."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 
@@ -9,9 +7,8 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
-from truejoint.filters.fields import unpack_filter
+from truejoint.filters.fields import BROKEN_PREDICTION, unpack_filter
 from truejoint.filters.kernels import LIMIT, predict, within_limit
-from truejoint.filters.status import BROKEN_PREDICTION
 
 _BROKEN: Final = int(BROKEN_PREDICTION)
 

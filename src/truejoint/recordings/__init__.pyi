@@ -6,10 +6,10 @@ from .judge.data_check import JointCoverage as JointCoverage
 from .judge.data_check import check_data as check_data
 from .judge.finding import Finding as Finding
 from .judge.link import diagnose as diagnose
-from .read.bags.reading import bag_topics as bag_topics
-from .read.bags.reading import read_bag as read_bag
-from .read.bags.reading import read_other_arm as read_other_arm
-from .read.bags.reading import read_topic as read_topic
+from .read.bags.assembling import bag_topics as bag_topics
+from .read.bags.assembling import read_bag as read_bag
+from .read.bags.assembling import read_other_arm as read_other_arm
+from .read.bags.assembling import read_topic as read_topic
 from .read.bags.writing import write_bag as write_bag
 from .read.formats import FORMATS as FORMATS
 from .read.formats import Format as Format

@@ -4,8 +4,6 @@ Whatever packed a file (gzip, bz2, LZ4, Zstandard; a whole file, chunks, message
 says what it may unpack to: `Allowance`.
 """
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import hashlib
@@ -183,7 +181,7 @@ class Head:
     data: bytes
 
     @classmethod
-    def of(cls, path: Path, size: int = HEAD_BYTES) -> Head:
+    def of(cls, path: Path, size: int = HEAD_BYTES) -> Self:
         """Read the first `size` bytes of a file; raises RecordingError if there is none."""
         with (
             BoundedFile(require_file(path), limit=size + io.DEFAULT_BUFFER_SIZE) as file,

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truejoint.calibration.calibration import as_calibration
+from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.interval import LEVEL
 from truejoint.calibration.zero import find_zero, known_error
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 from truejoint.summary import json_values
 
 if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
 

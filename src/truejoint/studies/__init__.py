@@ -5,5 +5,4 @@ A study is a line of data (`Study`) and a module that names its parts and makes 
 
 import lazy_loader
 
-# Imported on first use; the names stand in the stub beside this file.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

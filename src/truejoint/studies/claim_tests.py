@@ -212,7 +212,7 @@ def statements(study: str, judges: Mapping[str, Judge]) -> dict[str, Statement]:
     A claim that has none of the `judges` is an order of errors, as ``claims.toml`` states it.
     """
     return {
-        key: Statement(stated, judges.get(key) or ordered(**stated.order or {}))
+        key: stated._replace(judge=judges.get(key) or ordered(**stated.order or {}))
         for key, stated in CLAIMS.items()
         if stated.study == study
     }

@@ -8,9 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from truejoint._version import versions
 from truejoint.drawing import png
 from truejoint.errors import StudyError, other_kind
-from truejoint.evaluation.report.page import now_text, render_page, versions
+from truejoint.evaluation.report.page import now_text, render_page
 from truejoint.studies.claim_tests import RULE
 from truejoint.studies.runner import StudyResult, software, write_bytes
 from truejoint.studies.study import CLAIMS, STUDIES, VERDICTS, Settings, Study

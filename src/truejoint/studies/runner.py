@@ -20,7 +20,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +28,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 import truejoint
+from truejoint._version import versions
 from truejoint.errors import StudyError, TruejointError
 from truejoint.extras import require
 from truejoint.files import write_atomically
@@ -295,7 +295,6 @@ def write_bytes(path: Path, data: bytes) -> None:
 _ANSWER: Final = 20.0  # [s] for a scheduler to answer
 _PATIENCE: Final = 20.0  # [s] for it to have workers
 _LOOK: Final = 5.0  # [s] between two looks at whether there are workers
-_PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
 def on_cluster(
@@ -348,9 +347,8 @@ def software() -> str:
     digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.relative_to(_PACKAGE).as_posix().encode() + b"\0" + path.read_bytes())
-    packages = (f"{name} {version(name)}" for name in _PACKAGES)
-    source = f"source {digest.hexdigest()[:12]}"
-    return ", ".join((f"Python {platform.python_version()}", *packages, source))
+    software = [f"{name} {number}" for name, number in versions()]
+    return ", ".join([*software, f"source {digest.hexdigest()[:12]}"])
 
 
 def _checked(call: Callable[[Any], Any], expected: str, task: Any) -> Any:

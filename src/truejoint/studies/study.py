@@ -250,8 +250,17 @@ class Claim:
         return "pass" if self.holds else "warn" if self.holds is None or better else "fail"
 
 
-class Stated(NamedTuple):
-    """Statement of a paper: an entry of ``claims.toml``, which says what each field means."""
+class Statement(NamedTuple):
+    """Statement of a paper: an entry of ``claims.toml``, which says what each field means.
+
+    `judge` turns what was found into verdict and text.
+
+    Examples
+    --------
+    >>> below = Statement("below 1 deg", "yan2020", judge=lambda rms: (rms < 1.0, f"{rms} deg"))
+    >>> below.judged(0.4).verdict
+    'holds'
+    """
 
     text: str
     source: str
@@ -260,6 +269,7 @@ class Stated(NamedTuple):
     flaw: bool = False
     number: str = ""
     order: Mapping[str, Any] | None = None
+    judge: Callable[[Any], tuple[Holds, str]] = lambda _: (None, "")
 
     def claim(self, holds: Holds, found: str, on: str = "", count: int = 0) -> Claim:
         """Claim with a verdict, told over `count` repetitions."""
@@ -268,21 +278,6 @@ class Stated(NamedTuple):
         text, source, found = self.text, self.source, found + better
         return Claim(text, source, holds, found, on, self.flaw, self.number, test)
 
-
-@dataclass(frozen=True)
-class Statement:
-    """Statement of a paper, before `judge` turns what was found into verdict and text.
-
-    Examples
-    --------
-    >>> stated = Stated("below 1 deg", "yan2020")
-    >>> Statement(stated, lambda rms: (rms < 1.0, f"{rms} deg")).judged(0.4).verdict
-    'holds'
-    """
-
-    stated: Stated
-    judge: Callable[[Any], tuple[Holds, str]]
-
     def judged(self, found: Any, on: str = "") -> Claim:
         """Claim on what was found, on one of several where that has a name.
 
@@ -290,7 +285,7 @@ class Statement:
         """
         columns = [name for name in _REPETITIONS if name in getattr(found, "columns", ())]
         count = found[columns[0]].nunique() if columns else 0
-        return self.stated.claim(*self.judge(found), on, count)
+        return self.claim(*self.judge(found), on, count)
 
 
 @dataclass(frozen=True)
@@ -389,7 +384,7 @@ def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
         yield Study(**{"source": "", **row, **made})
 
 
-def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Stated]]:
+def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Statement]]:
     """Claims by key, each with the letter of its paper and its place among the paper's."""
     counts: dict[str, int] = {}
     for row in table["claims"]:
@@ -397,7 +392,7 @@ def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Stated]]:
         letter = "O" if row["source"] == "ours" else letter
         counts[letter] = counts.get(letter, 0) + 1
         stated = {name: value for name, value in row.items() if name != "key"}
-        yield row["key"], Stated(**stated, number=f"{letter}{counts[letter]}")
+        yield row["key"], Statement(**stated, number=f"{letter}{counts[letter]}")
 
 
 CLAIMS: Final = dict(_stated(shipped_table(__package__, "claims.toml")))

@@ -15,7 +15,7 @@ from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.studies.forceps.motions import record_forceps
+from truejoint.studies.forceps.methods import record_forceps
 
 MODEL = ForcepsModel(**{**JawFilter().model_params(), "drive_stiffness": 13e3})
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

@@ -6,13 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.evaluation.report.figures import binned
-from truejoint.evaluation.report.plot import every, extreme_rows, packed, panels, plain, thinned
+from truejoint.evaluation.report import figures
 
 
 @given(st.lists(st.floats(width=32, allow_nan=False), min_size=1, max_size=50))
 def test_packed_numbers_come_back(values):
-    spec = packed(np.array(values))
+    spec = figures.packed(np.array(values))
     back = np.frombuffer(base64.b64decode(spec["bdata"]), dtype="<f4")
     np.testing.assert_array_equal(back, np.array(values, dtype="f4"))
 
@@ -20,7 +19,7 @@ def test_packed_numbers_come_back(values):
 @given(st.integers(1, 500), st.integers(1, 40), st.integers(0, 99))
 def test_thinning_keeps_every_peak_and_both_ends(n, buckets, seed):
     values = np.random.default_rng(seed).normal(size=n)
-    keep = extreme_rows(values, buckets)
+    keep = figures.extreme_rows(values, buckets)
     assert len(keep) <= max(2 * buckets + 2, 2)
     assert (np.diff(keep) > 0).all()
     assert {0, n - 1, int(np.argmax(values)), int(np.argmin(values))} <= set(keep.tolist())
@@ -28,7 +27,7 @@ def test_thinning_keeps_every_peak_and_both_ends(n, buckets, seed):
 
 def test_a_gap_breaks_the_curve():
     t = np.concatenate((np.arange(100.0), np.arange(300.0, 400.0)))
-    thin_t, thin = thinned(t, np.sin(t), 30)
+    thin_t, thin = figures.thinned(t, np.sin(t), 30)
     (broken,) = np.flatnonzero(np.isnan(thin))
     assert thin_t[broken - 1] <= 99
     assert thin_t[broken + 1] >= 300
@@ -36,7 +35,7 @@ def test_a_gap_breaks_the_curve():
 
 
 def test_panels_fill_the_width_without_touching():
-    layout = panels([({}, {}, [])] * 3, 100, gap=0.05)["layout"]
+    layout = figures.side_by_side([({}, {}, [])] * 3, 100, gap=0.05)["layout"]
     domains = [layout[f"xaxis{number}"]["domain"] for number in ("", 2, 3)]
     assert domains[0][0] == 0.0
     assert domains[2][1] == pytest.approx(1.0)
@@ -44,19 +43,19 @@ def test_panels_fill_the_width_without_touching():
 
 
 def test_titles_cannot_carry_markup():
-    assert plain("<a href='x'>&") == "&lt;a href='x'&gt;&amp;"
+    assert figures.plain("<a href='x'>&") == "&lt;a href='x'&gt;&amp;"
 
 
 def test_rows_are_spread_evenly():
-    np.testing.assert_array_equal(every(5, 10), np.arange(5))
-    assert list(every(1000, 5)) == [0, 250, 500, 749, 999]
+    np.testing.assert_array_equal(figures.every(5, 10), np.arange(5))
+    assert list(figures.every(1000, 5)) == [0, 250, 500, 749, 999]
 
 
 def test_binned_quantiles_agree_with_a_loop():
     random = np.random.default_rng(3)
     x, y = random.uniform(0, 24, 2000), random.normal(size=2000)
     x[:2] = [0.0, 24.0]
-    centre, low, middle, high = binned(x, y)
+    centre, low, middle, high = figures.binned(x, y)
     for c, a, b, d in zip(centre, low, middle, high, strict=True):
         first = math.floor(c)
         rows = (x >= first) & ((x < first + 1) | (first == 23))
@@ -65,5 +64,5 @@ def test_binned_quantiles_agree_with_a_loop():
 
 def test_bins_with_few_rows_are_left_out():
     x = np.concatenate((np.zeros(20), [10.0]))
-    centre, *_ = binned(x, np.arange(21.0))
+    centre, *_ = figures.binned(x, np.arange(21.0))
     assert len(centre) == 1

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from truejoint.crtk.cartesian import pose
 from truejoint.recordings import Provenance, Recording, Track, diagnose, read_bag
 from truejoint.recordings.datasets.store import data_folders
-from truejoint.recordings.judge.tool_pose import judge_tool_pose
+from truejoint.recordings.judge.link import judge_tool_pose
 from truejoint.recordings.read.track import read_tool_poses
 from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain

@@ -11,8 +11,8 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import get_study, run_study
 from truejoint.studies.claim_tests import below_all
-from truejoint.studies.forceps import closed_loop, load, methods, motions
-from truejoint.studies.forceps.motions import record
+from truejoint.studies.forceps import closed_loop, load, methods
+from truejoint.studies.forceps.methods import record
 from truejoint.studies.forceps.population import share
 from truejoint.studies.rows import select
 
@@ -23,12 +23,12 @@ FEW = "lsm,lsm_compensated,ukf_compensated,play_gated"
 def briefer(monkeypatch):
     """Motions of half a minute: of (27) a period and a half."""
     for name in ("calibration", "verification"):
-        path = motions._TRAJECTORIES[name]
-        monkeypatch.setitem(motions._TRAJECTORIES, name, partial(path, 31.4))
-    for kept in (motions.record, methods.calibrated):
+        path = methods._TRAJECTORIES[name]
+        monkeypatch.setitem(methods._TRAJECTORIES, name, partial(path, 31.4))
+    for kept in (methods.record, methods.calibrated):
         kept.cache_clear()
     yield
-    for kept in (motions.record, methods.calibrated):
+    for kept in (methods.record, methods.calibrated):
         kept.cache_clear()
 
 
@@ -164,7 +164,7 @@ def test_other_frictions_and_weights_are_judged_together(drawn):
 
 def test_a_rope_that_is_pulled_tighter_stays_on_its_line():
     plant = ForcepsParameters.read("A")
-    tight = motions.tensioned(plant, 2.0)
+    tight = methods.tensioned(plant, 2.0)
     assert tight.assembly.pretension == 2.0 * plant.assembly.pretension
     before, after = plant.drive_cable, tight.drive_cable
     slope = before.stiffening * before.stiffness / plant.assembly.pretension  # [1/m]
@@ -172,9 +172,9 @@ def test_a_rope_that_is_pulled_tighter_stays_on_its_line():
     assert after.stiffness == pytest.approx(
         before.stiffness + slope * plant.assembly.pretension, rel=1e-12
     )
-    assert motions.tensioned(plant, 1.0) == plant
+    assert methods.tensioned(plant, 1.0) == plant
     with pytest.raises(TruejointError, match=r"pretension"):
-        motions.tensioned(plant, 100.0)
+        methods.tensioned(plant, 100.0)
     settings = get_study("forceps-unloaded").settings("small", options={"tension": 2.0})
     assert methods.common_arguments(settings)["forceps"] == tight.to_dict()
 

@@ -7,7 +7,7 @@ from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
-from truejoint.studies.forceps.motions import record_forceps
+from truejoint.studies.forceps.methods import record_forceps
 
 T = np.arange(2001) / 1000
 MOTION = np.radians(10.0) * np.sin(3.0 * T)

@@ -14,7 +14,7 @@ from truejoint.studies.claim_tests import (
     scatters_more,
     whole,
 )
-from truejoint.studies.study import Stated, Statement
+from truejoint.studies.study import Statement
 
 
 def rows(low, high):
@@ -30,7 +30,7 @@ def rows(low, high):
 
 
 def ordered(joints):
-    return Statement(Stated("order", "paper"), claims.ordered(A, B, {"joint": tuple(joints)}))
+    return Statement("order", "paper", judge=claims.ordered(A, B, {"joint": tuple(joints)}))
 
 
 A, B = {"method": "a"}, {"method": "b"}
@@ -56,7 +56,7 @@ def test_an_order_holds_only_where_every_pair_tells_it(high, verdict):
 
 @pytest.mark.parametrize(("after", "holds"), [(1.04, True), (0.5, True), (1.3, False), (1.1, None)])
 def test_an_error_is_no_worse_where_it_grows_by_no_more_than_a_share(after, holds):
-    claim = Statement(Stated("kept", "paper"), claims.ordered(A, B, {"joint": ("x",)}, 0.1))
+    claim = Statement("kept", "paper", judge=claims.ordered(A, B, {"joint": ("x",)}, 0.1))
     found = claim.judged(rows({"x": NEAR}, {"x": after * NEAR[::-1]}))
     assert found.holds is holds
     assert ("the other way in" in found.found) == (holds is not True)
@@ -134,7 +134,7 @@ def test_errors_are_as_printed_within_a_factor_and_smaller_ones_are_better(sizes
 
 
 def test_a_claim_says_its_number_its_test_its_level_and_how_often_it_was_tried():
-    claim = Statement(Stated("order", "paper", number="P7"), claims.ordered(A, B, {}))
+    claim = Statement("order", "paper", number="P7", judge=claims.ordered(A, B, {}))
     judged = claim.judged(rows({"x": NEAR}, {"x": 2.0 * NEAR}))
     assert (judged.number, judged.test) == ("P7", "Student's t at 95 %, n = 3")
 

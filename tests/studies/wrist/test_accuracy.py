@@ -15,7 +15,7 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import PartResult, Results, get_study
 from truejoint.studies.rows import select
-from truejoint.studies.wrist import motions
+from truejoint.studies.wrist import accuracy as motions
 from truejoint.studies.wrist.accuracy import LOADS, judged, summarise
 
 FEW = {

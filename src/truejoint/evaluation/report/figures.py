@@ -1,18 +1,20 @@
-"""Figures of the pages: over time and position, what is left of the error, touches."""
+"""Figures of the pages, as plain values for Plotly: pieces, then errors over time and position."""
 
 from __future__ import annotations
 
+import base64
+import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import cycle
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from itertools import cycle, pairwise
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pandas import DataFrame
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.drawing import BLUE, GREY, INK, ORANGE, PALETTE, ecdf
-from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import COLOURS, Figure, Spec, colour_of
+from truejoint.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALETTE, PURPLE, SKY, ecdf
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -26,10 +28,176 @@ from truejoint.evaluation.results import (
 from truejoint.evaluation.score_tables import worst_first
 from truejoint.recordings.table.stream import gaps
 from truejoint.tables import fixed, shown
+from truejoint.toml_file import shipped_table
 from truejoint.units import DisplayUnit, display_unit
 
 if TYPE_CHECKING:
     from truejoint.tip import TouchReport
+
+Spec = dict[str, Any]
+Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves
+
+GRID: Final = "#e6e8eb"
+PAPER: Final = "#ffffff"
+ZERO: Final = "#c4c9cf"
+BAND: Final = "rgba(0,114,178,0.17)"
+
+DARK: Final = {
+    INK: "#e6edf3", BLUE: "#58a6e0", ORANGE: "#f0883e", GREEN: "#3fbf92", PURPLE: "#d07fd0",
+    SKY: "#8fd0f5", GREY: "#7d8590", GRID: "#2b3138", PAPER: "#0f1419", ZERO: "#4b535d",
+    BAND: "rgba(88,166,224,0.25)",
+}  # fmt: skip
+"""What each colour of a figure becomes where the reader prefers dark pages."""
+
+COLOURS: Final = {"truth": INK, RAW: GREY, OFFSET: ORANGE, "chosen": BLUE}
+
+_LOOK: Final = shipped_table(__package__, "assets/look.toml")
+FONT: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of the page: Plotly specifications, between which a menu switches.
+
+    `label` is for readers who cannot see it.
+    """
+
+    key: str
+    label: str
+    caption: str
+    variants: Sequence[Spec]
+    wide: bool = True
+
+
+def colour_of(estimator: str, evaluation: Evaluation) -> str:
+    """Colour of the raw position, the fixed offset or the chosen estimator."""
+    return COLOURS["chosen" if estimator == evaluation.chosen else estimator]
+
+
+def packed(values: Array | NDArray[np.float32]) -> Spec:
+    """Numbers as base64 of 4-byte floats, a third of the size of their digits."""
+    raw = np.ascontiguousarray(values, dtype="<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(raw).decode("ascii")}
+
+
+def plain(text: str) -> str:
+    """Text that a figure shows as it is: plotly reads some HTML in titles and labels."""
+    return html.escape(text, quote=False)
+
+
+def coloured(x: Array, y: Array, colour: Array, title: str, highest: float, **style: Any) -> Spec:
+    """Draw dots in a plane by `colour` (n,) from 0 on; the legend leaves them out."""
+    bar = _LOOK["colour_bar"] | {"title": {"text": plain(title), "side": "top"}}
+    marker = _LOOK["coloured_dots"] | {
+        "color": packed(colour), "cmax": highest, "colorbar": bar, **style,
+    }  # fmt: skip
+    return scatter("markers", x, y, title, marker=marker, showlegend=False)
+
+
+def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
+    """Draw ``"lines"`` or ``"markers"`` at (n,) points, values in the units of the axes."""
+    places = {"x": packed(x), "y": packed(y)}
+    return {"type": "scatter", "mode": mode, **places, "name": plain(name), **options}
+
+
+def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec:
+    """Draw a line, which its name in the legend shows and hides with all others of that name."""
+    keys = [key for key in ("width", "dash", "shape") if key in options]
+    line = {"color": colour, "width": 1.3} | {key: options.pop(key) for key in keys}
+    return scatter("lines", x, y, name, **{"legendgroup": plain(name), "line": line, **options})
+
+
+def broken_path(parts: Sequence[Array], most: int, name: str, colour: str, **options: Any) -> Spec:
+    """Draw curves (n, 2) as one line, broken between them, thinned to about `most` rows."""
+    most = max(2, most // len(parts))
+    x, y = broken(part[every(len(part), most)] for part in parts).T
+    return curve(x, y, name, colour, hoverinfo="skip", **options)
+
+
+def axis(title: str = "", **options: Any) -> Spec:
+    """Describe a plain axis with a light grid."""
+    return {
+        "title": {"text": plain(title), **_LOOK["axis_title"]},
+        "gridcolor": GRID,
+        "zerolinecolor": ZERO,
+        **_LOOK["axis"],
+        **options,
+    }
+
+
+def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
+    """Curves, and the layout that all figures share with their own axes."""
+    layout = {
+        "height": height,
+        "font": {"family": FONT, "size": 12, "color": INK},
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
+        **_LOOK["layout"],
+        **options,
+    }
+    return {"data": data, "layout": layout}
+
+
+def side_by_side(parts: Sequence[Panel], height: int, across: int = 0, gap: float = 0.075) -> Spec:
+    """Draw panels, each with its curves on axes of its own, in rows of a `height` [px].
+
+    So many stand side by side, at most three if that is not said.
+    """
+    across = across or (min(3, len(parts)) if len(parts) != 4 else 2)
+    down = -(-len(parts) // across)
+    wide, band = (1.0 - gap * (across - 1)) / across, 1.0 / down
+    data: list[Spec] = []
+    axes: Spec = {}
+    for index, (x, y, curves) in enumerate(parts):
+        number = str(index + 1) if index else ""
+        names = {"xaxis": f"x{number}", "yaxis": f"y{number}"}
+        row, column = divmod(index, across)
+        left, top = column * (wide + gap), 1.0 - row * band
+        bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
+        axes[f"xaxis{number}"] = axis(**x, anchor=names["yaxis"], domain=[left, left + wide])
+        axes[f"yaxis{number}"] = axis(**y, anchor=names["xaxis"], domain=[bottom, top])
+        data += [{**curve, **names} for curve in curves]
+    return drawing(data, height * down + 40, **axes)
+
+
+def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:
+    """Stamps and values (m,) of a curve (n,) that keeps every peak; NaN breaks it at gaps."""
+    keep = extreme_rows(values, buckets)
+    piece = np.searchsorted(gaps(t), keep, side="left") if len(t) > 1 else np.zeros(len(keep))
+    breaks = np.flatnonzero(np.diff(piece)) + 1
+    return np.insert(t[keep], breaks, t[keep][breaks]), np.insert(values[keep], breaks, np.nan)
+
+
+def outline(t: Array, low: Array, high: Array, pieces: Integers) -> tuple[Array, Array]:
+    """Draw the closed outline (m,), (m,) of a band between curves (n,), NaN after each piece.
+
+    Rows of one piece share a number in `pieces` (n,), which ascends.
+    """
+    rows = np.split(np.arange(len(t)), np.flatnonzero(np.diff(pieces)) + 1)
+    x = broken(np.concatenate((t[piece], t[piece][::-1])) for piece in rows)
+    return x, broken(np.concatenate((high[piece], low[piece][::-1])) for piece in rows)
+
+
+def broken(parts: Iterable[Array]) -> Array:
+    """Curves (n,) or (n, k) one after another, with a NaN row after each."""
+    return np.concatenate([p for part in parts for p in (part, np.full_like(part[:1], np.nan))])
+
+
+def extreme_rows(values: Array, buckets: int) -> Integers:
+    """Rows of the smallest and largest value of each bucket, in order, and both ends."""
+    n = len(values)
+    if n <= 2 * buckets:
+        return np.arange(n)
+    edges = np.linspace(0, n, buckets + 1).astype(np.int64)
+    lowest = [a + int(np.argmin(values[a:b])) for a, b in pairwise(edges)]
+    highest = [a + int(np.argmax(values[a:b])) for a, b in pairwise(edges)]
+    return np.unique(np.array([0, *lowest, *highest, n - 1]))
+
+
+def every(n: int, most: int) -> Integers:
+    """Evenly spaced rows, at most `most` of `n`."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+
 
 MENU: Final = 36  # curves over time that the page offers, of all joints; at most 12 recordings
 _BUDGET: Final = 600_000  # bytes that the time figures may take of the page
@@ -99,8 +267,8 @@ def _tracking(
     truth = evaluation.known("truth")[rows, column] * unit.scale
     upper: Spec = {"xaxis": "x", "yaxis": "y"}
     lower: Spec = {"xaxis": "x", "yaxis": "y2", "showlegend": False}
-    true = plot.thinned(t, truth, buckets)
-    data = [plot.curve(*true, "True", COLOURS["truth"], width=1.5, dash="dot", **upper)]
+    true = thinned(t, truth, buckets)
+    data = [curve(*true, "True", COLOURS["truth"], width=1.5, dash="dot", **upper)]
     errors = {
         name: evaluation.error(name, joint)[rows, 0] * unit.scale
         for name in (RAW, OFFSET, chosen)
@@ -109,23 +277,23 @@ def _tracking(
     if "lower" in evaluation.rows:
         low, high = (unit.scale * evaluation.known(key)[rows, column] for key in ("lower", "upper"))
         name = f"{100 * evaluation.interval_level:g} % interval"
-        options = {"width": 0, "fill": "toself", "fillcolor": plot.BAND, "hoverinfo": "skip"}
+        options = {"width": 0, "fill": "toself", "fillcolor": BAND, "hoverinfo": "skip"}
         options |= {"legendrank": 1001}
         edges = _band(t, truth + errors[chosen], low, high, buckets)
         for edge, place in zip(edges, (upper | {"showlegend": whole}, lower), strict=False):
-            data.append(plot.curve(*edge, name, COLOURS["chosen"], **options, **place))
+            data.append(curve(*edge, name, COLOURS["chosen"], **options, **place))
     # The chosen one last, so that it lies on top.
     for name in sorted(errors, key=lambda name: name == chosen):
         visible = "legendonly" if name == RAW != chosen else True
         for values, place in ((truth + errors[name], upper), (errors[name], lower)):
-            thin, colour = plot.thinned(t, values, buckets), colour_of(name, evaluation)
-            data.append(plot.curve(*thin, estimator_title(name), colour, visible=visible, **place))
-    return plot.drawing(
+            thin, colour = thinned(t, values, buckets), colour_of(name, evaluation)
+            data.append(curve(*thin, estimator_title(name), colour, visible=visible, **place))
+    return drawing(
         data,
         380 if whole else 330,
-        xaxis=plot.axis("time [s]", anchor="y2"),
-        yaxis=plot.axis(f"position [{unit.name}]", domain=[0.43, 1.0]),
-        yaxis2=plot.axis(f"error [{unit.name}]", domain=[0.0, 0.36], zeroline=True),
+        xaxis=axis("time [s]", anchor="y2"),
+        yaxis=axis(f"position [{unit.name}]", domain=[0.43, 1.0]),
+        yaxis2=axis(f"error [{unit.name}]", domain=[0.0, 0.36], zeroline=True),
     )
 
 
@@ -136,14 +304,11 @@ def _band(
     bounded = np.flatnonzero(np.isfinite(low))
     if len(bounded) < 2:
         return []
-    widest = plot.extreme_rows((high - low)[bounded], buckets // 4)
-    bounded = bounded[np.union1d(plot.extreme_rows(middle[bounded], buckets), widest)]
+    widest = extreme_rows((high - low)[bounded], buckets // 4)
+    bounded = bounded[np.union1d(extreme_rows(middle[bounded], buckets), widest)]
     pieces = np.searchsorted(gaps(t), bounded, side="left")
     t, low, high, middle = (values[bounded] for values in (t, low, high, middle))
-    return [
-        plot.outline(t, low, high, pieces),
-        plot.outline(t, middle - high, middle - low, pieces),
-    ]
+    return [outline(t, low, high, pieces), outline(t, middle - high, middle - low, pieces)]
 
 
 def loops(evaluation: Evaluation) -> Figure:
@@ -158,14 +323,14 @@ def loops(evaluation: Evaluation) -> Figure:
             path = unit.scale * np.column_stack((truth, evaluation.error(name, joint)))
             options = {"width": 0.7, "opacity": opacity, "showlegend": column == 0}
             paths = [path[part] for part in parts]
-            curves.append(plot.path(paths, most, estimator_title(name), colour, **options))
+            curves.append(broken_path(paths, most, estimator_title(name), colour, **options))
         x = {"title": f"{joint} position [{unit.name}]"}
         panels.append((x, {"title": f"error [{unit.name}]"}, curves))
     caption = (
         "Error against true position, as the motion runs through it: before (fixed offset) and "
         "after calibration. Width of a loop is hysteresis, slope is stretch under changing load."
     )
-    return Figure("loops", "Hysteresis loops", caption, [plot.panels(panels, 300)])
+    return Figure("loops", "Hysteresis loops", caption, [side_by_side(panels, 300)])
 
 
 def distributions(evaluation: Evaluation, colours: Mapping[str, str]) -> Figure:
@@ -174,14 +339,14 @@ def distributions(evaluation: Evaluation, colours: Mapping[str, str]) -> Figure:
     A panel each for the joints, and for the tool where its place is known.
     """
     titles = {estimator_title(name): colour for name, colour in colours.items()}
-    panels: list[plot.Panel] = []
+    panels: list[Panel] = []
     for name, unit, _ in evaluation.shown_scores():
         errors = {estimator_title(key): evaluation.error(key, name)[:, 0] for key in colours}
         frame = DataFrame(errors).melt(var_name="model", value_name="error")
         what = f"|error| of {'tool' if name == TOOL else name} [{unit.name}]"
         drawn = ecdf(frame, "error", "model", scale=unit.scale, colours=titles)
         curves = [
-            plot.curve(
+            curve(
                 np.asarray(c.x), np.asarray(c.y), c.label, titles[c.label], width=1.6,
                 showlegend=not panels,
             )
@@ -193,7 +358,7 @@ def distributions(evaluation: Evaluation, colours: Mapping[str, str]) -> Figure:
         "Share of the test's rows within a given error: absolute error of each joint, and distance "
         "of the tool from its true position where its kinematics are known."
     )
-    return Figure("distribution", "Distribution of errors", caption, [plot.panels(panels, 280)])
+    return Figure("distribution", "Distribution of errors", caption, [side_by_side(panels, 280)])
 
 
 def residuals(evaluation: Evaluation, models: Sequence[str] = ()) -> Iterator[Figure]:
@@ -263,21 +428,21 @@ def _error_panels(panels: Sequence[_Errors], moves: Array, unit: DisplayUnit, mo
             if len(x):
                 curves += _cloud(x, y, name, colour, most, legend=i == 0)
         drawn.append(({"title": title, "nticks": 6}, up, curves))
-    return plot.panels(drawn, 230, len(panels), 0.035)
+    return side_by_side(drawn, 230, len(panels), 0.035)
 
 
 def _cloud(
     x: Array, y: Array, name: str, colour: str, most: int, *, legend: bool
 ) -> Iterable[Spec]:
     """At most `most` dots, and the median and the middle 90 % of `y` (n,) along `x` (n,)."""
-    keep, hidden = plot.every(len(x), most), {"legendgroup": name, "showlegend": False}
+    keep, hidden = every(len(x), most), {"legendgroup": name, "showlegend": False}
     style = {"marker": {"color": colour, "size": 2.5, "opacity": 0.22}, "hoverinfo": "skip"}
-    dots = plot.scatter("markers", x[keep], y[keep], name, **style, **hidden)
+    dots = scatter("markers", x[keep], y[keep], name, **style, **hidden)
     centre, low, middle, high = binned(x, y)
     around = np.concatenate((centre, centre[::-1])), np.concatenate((high, low[::-1]))
     fill = {"fill": "toself", "fillcolor": colour, "opacity": 0.14, "hoverinfo": "skip"}
-    band = plot.curve(*around, name, colour, width=0, **fill, **hidden)
-    median = plot.curve(centre, middle, name, colour, width=1.8, **hidden | {"showlegend": legend})
+    band = curve(*around, name, colour, width=0, **fill, **hidden)
+    median = curve(centre, middle, name, colour, width=1.8, **hidden | {"showlegend": legend})
     return dots, band, median
 
 
@@ -307,15 +472,15 @@ def _found_and_stated(evaluation: Evaluation, percent: DataFrame, *, several: bo
     stated = np.unique(percent["level"])
     margin = 0.15 * (stated[-1] - stated[0])
     ends = np.array([max(stated[0] - 20, 0.0), 100.0])
-    data = [plot.curve(ends, ends, "equal", INK, **_EQUAL)]
+    data = [curve(ends, ends, "equal", INK, **_EQUAL)]
     for joint, colour, beside in _joints(evaluation):
         rows = percent.loc[[joint]]
         style = _dots(colour) | {"line": {"color": colour, "width": 1.3}}
         if several:
-            bars = plot.packed(rows["standard_error"].to_numpy())
+            bars = packed(rows["standard_error"].to_numpy())
             style["error_y"] = {"array": bars, "thickness": 1.3, "width": 4}
         x = rows["level"].to_numpy() + 0.06 * margin * beside
-        data.append(plot.scatter("lines+markers", x, rows["coverage"].to_numpy(), joint, **style))
+        data.append(scatter("lines+markers", x, rows["coverage"].to_numpy(), joint, **style))
     lowest = min(stated[0], percent["coverage"].min())
     range_ = [stated[0] - margin, min(stated[-1] + margin, 100.0)]
     across = {"title": "stated [%]", "range": range_, "tickvals": stated.tolist()}
@@ -326,19 +491,19 @@ def _found_and_stated(evaluation: Evaluation, percent: DataFrame, *, several: bo
         f"joint{errors_text}. On the dashed line both are equal; below it the interval is too "
         "narrow."
     )
-    spec, title = plot.panels([(across, up, data)], _HEIGHT), "Stated and found coverage"
+    spec, title = side_by_side([(across, up, data)], _HEIGHT), "Stated and found coverage"
     return Figure("calibration", title, caption, [spec], wide=False)
 
 
 def _each_trajectory(evaluation: Evaluation, percent: DataFrame) -> Figure:
     level, names = 100.0 * evaluation.interval_level, evaluation.interval_trajectories
     number, ends = np.arange(1.0, len(names) + 1.0), np.array([0.5, len(names) + 0.5])
-    data = [plot.curve(ends, np.full(2, level), f"stated {level:g} %", INK, **_EQUAL)]
-    text = {"text": [plot.plain(n) for n in names], "hovertemplate": "%{text}: %{y:.1f} %"}
+    data = [curve(ends, np.full(2, level), f"stated {level:g} %", INK, **_EQUAL)]
+    text = {"text": [plain(n) for n in names], "hovertemplate": "%{text}: %{y:.1f} %"}
     shares = percent[percent["level"] == level]["shares"].map(np.array) * 100.0
     for joint, colour, beside in _joints(evaluation):
         place, style = number + 0.12 * beside, _dots(colour) | text
-        data.append(plot.scatter("markers", place, shares[joint], joint, **style))
+        data.append(scatter("markers", place, shares[joint], joint, **style))
     lowest = min(100.0, *map(np.min, shares))
     across = {"title": "trajectory of the test", "range": list(ends), "dtick": -(-len(names) // 10)}
     up = {"title": "inside [%]", "range": [max(0.0, 0.95 * lowest - 2), 102.0]}
@@ -347,7 +512,7 @@ def _each_trajectory(evaluation: Evaluation, percent: DataFrame) -> Figure:
         "the order of the test. The statement is about their mean: one may lie inside "
         "altogether, another half outside."
     )
-    spec, title = plot.panels([(across, up, data)], _HEIGHT), "Coverage of each trajectory"
+    spec, title = side_by_side([(across, up, data)], _HEIGHT), "Coverage of each trajectory"
     return Figure("coverage", title, caption, [spec], wide=False)
 
 
@@ -368,7 +533,7 @@ def touch_maps(report: TouchReport) -> Iterator[Figure]:
     point, left_out = report.fit.rows.point, report.fit.left_out
     rejected = " Crosses were rejected." if left_out.any() else ""
     for a, b, where in _VIEWS:
-        panels: list[plot.Panel] = []
+        panels: list[Panel] = []
         for title, error in errors:
             x = {"title": f"{'xyz'[a]} of the block [mm], {title}"}
             y = {"title": f"{'xyz'[b]} [mm]", "scaleanchor": "x" if not panels else "x2"}
@@ -381,11 +546,11 @@ def touch_maps(report: TouchReport) -> Iterator[Figure]:
         )
         key = f"map-{'xyz'[a]}{'xyz'[b]}"
         yield Figure(
-            key, f"Errors of the tip, {where}", caption, [plot.panels(panels, 340, gap=0.2)]
+            key, f"Errors of the tip, {where}", caption, [side_by_side(panels, 340, gap=0.2)]
         )
 
 
-def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -> list[plot.Spec]:
+def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -> list[Spec]:
     """Dots at points (m, 3) [m], and lines along errors (m, 3), in a plane."""
     place, size = 1e3 * point[:, axes], 1e3 * np.linalg.norm(error, axis=1)
     good = ~left_out
@@ -395,12 +560,12 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     lines[0::3], lines[1::3] = place[good], tip[good]
     highest = float(size[good].max())
     x, y = place[good].T
-    dots = plot.coloured(x, y, size[good], "error [mm]", highest, size=9)
+    dots = coloured(x, y, size[good], "error [mm]", highest, size=9)
     style = {"width": 1.5, "hoverinfo": "skip"}
-    drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", GREY, **style), dots]
+    drawn = [curve(lines[:, 0], lines[:, 1], "direction", GREY, **style), dots]
     if left_out.any():
         cross = {"marker": {"symbol": "x", "size": 9, "color": ORANGE}}
         drawn.append(
-            plot.scatter("markers", place[left_out, 0], place[left_out, 1], "rejected", **cross)
+            scatter("markers", place[left_out, 0], place[left_out, 1], "rejected", **cross)
         )
     return drawn

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import platform
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
@@ -11,7 +10,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from hashlib import sha256
-from importlib.metadata import version
 from importlib.resources import files
 from itertools import combinations, cycle, product
 from pathlib import Path
@@ -22,10 +20,11 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint import drawing
+from truejoint._version import __version__, versions
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
-from truejoint.evaluation.report import figures, plot
+from truejoint.evaluation.report import figures
 from truejoint.evaluation.results import (
     OFFSET,
     Evaluation,
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 _POLICY: Final = "script-src 'self'"  # as the template has it
 _SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 _ESCAPED: Final = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u.{4}|\\.")  # what JSON's writer escapes
-_PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
 def write_report(
@@ -110,7 +108,7 @@ def render_report(evaluation: Evaluation, *, command: str = "") -> str:
     >>> render_report(evaluation).startswith("<!doctype html>")
     True
     """
-    pair = {n: plot.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
+    pair = {n: figures.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
     drawn = {
         "worst": list(figures.worst_stretches(evaluation)),
         "time": figures.over_time(evaluation),
@@ -259,7 +257,9 @@ def _render_touches(calibration: Calibration, report: TouchReport, command: str)
     )
 
 
-def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **values: Any) -> str:
+def render_figures(
+    template: str, drawn: Mapping[str, Iterable[figures.Figure]], **values: Any
+) -> str:
     """Fill a template that extends ``figures.html.j2`` with what is drawn, by section."""
     shown = [
         {"key": figure.key, "variants": figure.variants}
@@ -272,7 +272,7 @@ def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **
         view=view,
         title_of=estimator_title,
         plotly=(files(__package__) / "assets/plotly-gl3d.min.js").read_text(encoding="utf-8"),
-        figures=script_json({"figures": shown, "dark": plot.DARK}),
+        figures=script_json({"figures": shown, "dark": figures.DARK}),
         **values,
     )
 
@@ -318,15 +318,10 @@ def facts(evaluation: Evaluation, what: str) -> list[str]:
         f"tested on {len(evaluation.rows):,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
         now_text(),
-        f"truejoint {version('truejoint')}",
+        f"truejoint {__version__}",
     ]
 
 
 def now_text() -> str:
     """Time of a page that is made now, to the minute."""
     return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-
-
-def versions() -> list[tuple[str, str]]:
-    """Versions of Python and of the packages that a result depends on."""
-    return [("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)]

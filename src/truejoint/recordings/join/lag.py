@@ -5,12 +5,10 @@ of the positions and plays of many half-widths describe that. What velocity expl
 time. With one speed velocity is a function of the path too, and nothing tells the two apart.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
@@ -101,7 +99,7 @@ def lags_alone_and_together(
     return late, together
 
 
-def _by_two(motions: Sequence[_Motion]) -> Lag:
+def _by_two(motions: "Sequence[_Motion]") -> Lag:
     lags = []
     for motion in motions:
         seconds, sd, drop = motion.lag(motion.path)
@@ -156,7 +154,7 @@ class _Motion:
     explained: Array  # (m, j), inputs of `Explained`
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], explained: Explained) -> _Motion:
+    def of(cls, recordings: Sequence[Recording], explained: Explained) -> Self:
         measured, true = f"measured/{explained.joint}", f"truth/{explained.joint}"
         span = max(float(np.ptp(np.quantile(r.column(measured), [0.02, 0.98]))) for r in recordings)
         signals = explained.features.features
@@ -193,7 +191,7 @@ class _Motion:
         columns = [np.concatenate(values) for values in zip(*parts, strict=True)]
         return cls(tuple(stamps), tuple(truths), *columns)
 
-    def only(self, number: int) -> _Motion:
+    def only(self, number: int) -> "_Motion":
         """Rows of one recording."""
         rows, single = self.recording == number, slice(number, number + 1)
         arrays = [getattr(self, f.name)[rows] for f in fields(self)[2:]]

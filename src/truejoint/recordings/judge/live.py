@@ -1,7 +1,5 @@
 """What an arm says on a running ROS, kept for some seconds and judged as a recording of it is."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -78,7 +76,7 @@ class LiveLink:
         self._ended = self._transport.now()
         self._subscribed.close()
 
-    def _receive(self, heard: Heard, message: Any) -> None:
+    def _receive(self, heard: "Heard", message: Any) -> None:
         heard.take(self._transport.now(), self._transport.seconds(message), message)
 
     def _wire(self, topics: assembling.Topics) -> tuple[Robot, assembling.Wiring]:

@@ -15,28 +15,19 @@ from truejoint.recordings.read.numeric_text import is_number, split_fields, text
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import default_unit
 from truejoint.robots import Robot, get_robot
+from truejoint.toml_file import shipped_table
 from truejoint.units import SI_UNITS
 
-# A column's name is cut into words of one kind of letter; the first quantity that has one of them.
+# A column's name is cut into words of one kind of letter.
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_SYNONYMS: Final = {
-    "motor_velocity": "mvel",
-    "truth": "truth true ext external encoder enc tracker camera cam marker mocap optical",
-    "setpoint": "setpoint desired des cmd command commanded target ref reference goal",
-    "motor": "motor mot mpos",
-    "velocity": "velocity vel speed jvel qd",
-    "current": "current amp amps",
-    "effort": "effort torque tau force load",
-    "measured": "measured meas position pos jpos angle q joint",
-}
+_LAYOUT: Final = shipped_table(__package__, "layouts.toml")
+_SYNONYMS: Final[dict[str, str]] = _LAYOUT["synonyms"]
 _QUANTITY_WORDS: Final = frozenset(" ".join(_SYNONYMS.values()).split())
 QUANTITIES: Final = (*reversed(_SYNONYMS),)
 """Quantities that names of columns are searched for."""
 
 _TIMES: Final = frozenset({"t", "time", "stamp", "timestamp", "sec", "secs", "seconds"})
-_UNITS: Final = {unit.lower(): unit for unit in SI_UNITS if unit != "1"} | {
-    "degree": "deg", "degrees": "deg", "radians": "rad", "nsec": "ns", "nsecs": "ns",
-}  # fmt: skip
+_UNITS: Final = {unit.lower(): unit for unit in SI_UNITS if unit != "1"} | _LAYOUT["units"]
 _ARRAY_COLUMNS: Final = 64  # of one variable that are listed
 
 

@@ -1,7 +1,5 @@
 """Files of other people: a CSV header of our column names, or any columns through a map."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -230,7 +228,7 @@ def read_table(
     return replace(_in_si(path, columns, machine, *_arrays(path, columns, head)), notes=notes)
 
 
-def read_text(header: Header, robot: Robot) -> Table:
+def read_text(header: "Header", robot: Robot) -> Table:
     """Columns of a text file, in which any value may be missing."""
     table = read_numbers(header.path, header.layout, [*header.positions.values()])
     columns = dict(zip(header.positions, table.values.T, strict=True))

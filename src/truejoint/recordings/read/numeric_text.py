@@ -1,7 +1,5 @@
 """Tables of numbers in text files, read in pieces and within bounds."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Sequence
@@ -116,7 +114,7 @@ class _Piece(NamedTuple):
     last: bool
 
 
-def _pieces(file: io.BufferedReader[BoundedFile], layout: TextLayout) -> Iterator[_Piece]:
+def _pieces(file: "io.BufferedReader[BoundedFile]", layout: TextLayout) -> Iterator[_Piece]:
     comment = layout.comment.encode()
     note = re.compile(re.escape(comment) + rb"[^\r\n]*")
     number, skip = 1, layout.skip

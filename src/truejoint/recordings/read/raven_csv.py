@@ -20,17 +20,11 @@ from truejoint.array_types import Array, Mask
 from truejoint.crtk.messages import PROFILES, RAVEN_FIELDS, RUN_LEVELS
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.bounded_file import Head
-from truejoint.recordings.read.mapped import (
-    CUT_SHORT,
-    ColumnMap,
-    Header,
-    MappedColumn,
-    Table,
-    read_text,
-)
+from truejoint.recordings.read import mapped
 from truejoint.recordings.read.numeric_text import text_layout
 from truejoint.recordings.table.recording import Recording, runs
 from truejoint.robots import Robot, get_robot
+from truejoint.toml_file import shipped_table
 
 STATE_COLUMNS: Final = 240
 # In a training file external encoders of shoulder, elbow and insertion, and the seven joints of
@@ -40,26 +34,7 @@ COUNTS: Final = (STATE_COLUMNS, 252, 256)
 EXTERNAL, CRTK, STATE_START = 1, 5, 12
 AMID: Final = "homing, after rows that are kept"
 
-# First column of each block of 16 in the 240-column layout, by the message's field: 8 channels of
-# the gold arm (left), then 8 of the green one (right).
-_FIRST: Final = {
-    "jpos": 1, "encVals": 70, "dac_val": 86, "tau": 102, "mpos": 118, "mvel": 134, "jvel": 150,
-    "mpos_d": 166, "jpos_d": 182, "encoffsets": 200,
-}  # fmt: skip
-_AXES: Final = ("x", "y", "z")
-_ENTRIES: Final = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-# Quantity: first column, what each arm has of it (first the gold one), factor to SI.
-_OF_ARM: Final[dict[str, tuple[int, tuple[str, ...], float]]] = {
-    "tool": (22, _AXES, 1e-6),
-    "tool_setpoint": (64, _AXES, 1e-6),
-    "rotation": (28, _ENTRIES, 1.0),
-    "rotation_setpoint": (46, _ENTRIES, 1.0),
-    "grasp_setpoint": (198, ("jaw",), 1.0),
-    "jacobian_velocity": (216, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
-    "jacobian_force": (228, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
-    "arm": (20, ("type",), 1.0),
-}
-_OF_STATE: Final = {"state/run_level": 17, "state/sub_level": 18, "state/last_seq": 19}
+_LAYOUT: Final = shipped_table(__package__, "layouts.toml")
 
 ENCODER_ZERO: Final = "encoders"
 TRUTH_ZEROS: Final = (ENCODER_ZERO, "robot")
@@ -107,17 +82,19 @@ def read(
     has_truth = layout.columns > STATE_COLUMNS
     columns = _state(robot, STATE_START) | _training(robot) if has_truth else _state(robot)
     positions = {name: int(mapped.column) for name, mapped in columns.items()}
-    table = read_text(Header(path, ColumnMap(columns), positions, replace(layout, skip=0)), robot)
+    table = mapped.read_text(
+        mapped.Header(path, mapped.ColumnMap(columns), positions, replace(layout, skip=0)), robot
+    )
     if has_truth:
         table = _with_truth(path, table, truth_zero or ENCODER_ZERO)
     keep, homing = without_homing(table.columns["state/run_level"])
     kept = {name: rows[keep] for name, rows in table.columns.items()}
     dropped = dict(table.dropped)
-    cut_short = {CUT_SHORT: dropped.pop(CUT_SHORT)}
+    cut_short = {mapped.CUT_SHORT: dropped.pop(mapped.CUT_SHORT)}
     return replace(table, columns=kept, dropped=dropped | homing | cut_short).recordings(path)
 
 
-def _with_truth(path: Path, table: Table, truth_zero: str) -> Table:
+def _with_truth(path: Path, table: mapped.Table, truth_zero: str) -> mapped.Table:
     """Give the truth its zero, and none where its sensor stood still; refuse another unit."""
     joints = table.robot.positioning
     truth, measured = (
@@ -170,19 +147,25 @@ def without_homing(levels: Array) -> tuple[Mask, dict[str, int]]:
     return keep, {reason: count for reason, count in counts.items() if count}
 
 
-def _state(robot: Robot, start: int = 0) -> dict[str, MappedColumn]:
+def _state(robot: Robot, start: int = 0) -> dict[str, mapped.MappedColumn]:
     """Columns of the robot's state, which begins at column `start`, by name."""
-    blocks = {q: (_FIRST[name], robot.channels, f) for q, (name, f) in RAVEN_FIELDS.items()}
-    columns = {"t": MappedColumn(start)}
-    for quantity, (first, names, factor) in (blocks | _OF_ARM).items():
+    first_of = _LAYOUT["raven_first"]
+    blocks = {q: (first_of[name], robot.channels, f) for q, (name, f) in RAVEN_FIELDS.items()}
+    columns = {"t": mapped.MappedColumn(start)}
+    for quantity, (first, names, factor) in (blocks | _LAYOUT["raven_of_arm"]).items():
         begin = start + first + (len(names) if robot.arm == "right" else 0)
         for k, name in enumerate(names, begin):
-            columns[f"{quantity}/{name}"] = MappedColumn(k, scale=factor)
-    return columns | {name: MappedColumn(start + k) for name, k in _OF_STATE.items()}
+            columns[f"{quantity}/{name}"] = mapped.MappedColumn(k, scale=factor)
+    states = _LAYOUT["raven_of_state"].items()
+    return columns | {f"state/{name}": mapped.MappedColumn(start + k) for name, k in states}
 
 
-def _training(robot: Robot) -> dict[str, MappedColumn]:
+def _training(robot: Robot) -> dict[str, mapped.MappedColumn]:
     """Columns of a training file that stand before the robot's state."""
-    sensors = {f"truth/{j}": MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)}
+    sensors = {
+        f"truth/{j}": mapped.MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)
+    }
     units = enumerate((joint.name, joint.unit) for joint in robot.joints)
-    return {f"crtk/{name}": MappedColumn(CRTK + k, unit) for k, (name, unit) in units} | sensors
+    return {
+        f"crtk/{name}": mapped.MappedColumn(CRTK + k, unit) for k, (name, unit) in units
+    } | sensors

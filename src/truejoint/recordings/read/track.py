@@ -1,11 +1,9 @@
 """What a tracker or a camera saw of a marker on the tool: a file of points or poses, or a topic."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -14,12 +12,12 @@ from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.files import is_folder
 from truejoint.recordings.bounded_file import Head
-from truejoint.recordings.read.bags.assembling import find_wiring
+from truejoint.recordings.read.bags import assembling
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.bags.reading import Bags, as_paths, bag_topics, read_topic
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import forward_rows
+from truejoint.toml_file import shipped_table
 from truejoint.units import FACTORS
 
 _COLUMNS: Final = ("t", "x", "y", "z")
@@ -33,13 +31,7 @@ BACK: Final = "tracker: time stamp not after the one before"
 
 _FEWEST: Final = 50  # readings that can tell a tracker's place
 _MOST_LOST: Final = 0.9  # share of the readings
-# Where the point and the orientation stand in a message (ROS, geometry_msgs).
-_FIELDS: Final[Mapping[str, tuple[str, str]]] = {
-    "geometry_msgs/PointStamped": ("point", ""),
-    "geometry_msgs/PoseStamped": ("pose.position", "pose.orientation"),
-    "geometry_msgs/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
-    "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation"),
-}
+_FIELDS: Final[Mapping[str, tuple[str, str]]] = shipped_table(__package__, "layouts.toml")["poses"]
 # What an arm says of itself is no tracker's.
 _POSE: Final = "measured_cp"
 _OWN: Final = (_POSE, "setpoint_cp", "goal_cp", "servo_cp", "move_cp", "interpolate_cp")
@@ -102,7 +94,7 @@ class Track:
     def __len__(self) -> int:
         return self.t.size
 
-    def rows(self, selection: Mask | Integers | slice) -> Track:
+    def rows(self, selection: Mask | Integers | slice) -> "Track":
         """Keep the selected readings only."""
         turns = None if self.orientation is None else self.orientation[selection]
         return Track(self.t[selection], self.position[selection], turns, self.source, self.dropped)
@@ -110,7 +102,7 @@ class Track:
     @classmethod
     def of_readings(
         cls, t: Array, position: Array, orientation: Array | None = None, source: str = "tracker"
-    ) -> Track:
+    ) -> Self:
         """Track of all that a tracker reports, in which the marker may be lost at times.
 
         A marker is lost where a value is NaN, the quaternion is zero or the point is the origin; a
@@ -151,7 +143,7 @@ class Track:
         return cls(t[usable], position[usable], turned, source, dropped)
 
 
-def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
+def read_track(path: assembling.Bags, topic: str = "", unit: str = "m") -> Track:
     """Read the points or poses of a marker on the tool from a file, or the bags of a session.
 
     Parameters
@@ -178,7 +170,7 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     >>> len(read_track("points.csv"))
     100
     """
-    sources = as_paths(path)
+    sources = assembling.as_paths(path)
     source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
@@ -196,12 +188,12 @@ def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
 
 
 def read_tool_poses(
-    bags: Bags, recording: Recording, profile: str = "", state: str = ""
+    bags: assembling.Bags, recording: Recording, profile: str = "", state: str = ""
 ) -> Track | None:
     """Read what the arm of a recording says in its bags of its tool's pose; None if nothing."""
-    paths, robot = as_paths(bags), recording.robot
-    topics = bag_topics(paths)
-    wiring = find_wiring(paths[0], topics, robot, profile, state, truth=None)
+    paths, robot = assembling.as_paths(bags), recording.robot
+    topics = assembling.bag_topics(paths)
+    wiring = assembling.find_wiring(paths[0], topics, robot, profile, state, truth=None)
     space = wiring.state.rpartition("/")[0]
     for name, (kind, count) in topics.items():
         arm = wiring.profile.arm_of(name)
@@ -226,7 +218,7 @@ def _read_text(head: Head) -> Array:
 def _read_bags(sources: Sequence[Path], topic: str) -> tuple[Array, str]:
     """Stamps [s], points and orientations of a topic as columns, and what they come from."""
     source = ", ".join(path.name for path in sources)
-    topics = bag_topics(sources)
+    topics = assembling.bag_topics(sources)
     kinds = {name: kind for name, (kind, count) in topics.items() if kind in _FIELDS and count}
     if not kinds:
         raise RecordingError(
@@ -243,6 +235,6 @@ def _read_bags(sources: Sequence[Path], topic: str) -> tuple[Array, str]:
     point, turn = _FIELDS[kinds[candidates[0]]]
     fields = [f"{point}.{axis}" for axis in "xyz"]
     fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
-    stamps, values = read_topic(sources, candidates[0], fields)
+    stamps, values = assembling.read_topic(sources, candidates[0], fields)
     columns = [values[name][:, 0].astype(np.float64) for name in fields]
     return np.column_stack([stamps / 1e9, *columns]), f"{source}: {candidates[0]}"

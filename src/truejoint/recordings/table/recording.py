@@ -268,8 +268,7 @@ class Recording(Summarised):
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write a Parquet file, as `write_parquet` does."""
-        parquet = import_module("truejoint.recordings.table.parquet")
-        parquet.write_parquet(self, path, overwrite=overwrite)
+        import_module("truejoint").write_parquet(self, path, overwrite=overwrite)
 
     def plot(self) -> Any:
         """Draw positions over time in deg and mm; give matplotlib's axes (n_joints,)."""

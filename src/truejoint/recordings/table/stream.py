@@ -1,7 +1,5 @@
 """Signals over time: how they move, and truth brought to the stamps of the state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -95,7 +93,7 @@ class Stream:
                     f"{self.t.shape}; both must be (n,)"
                 )
 
-    def rows(self, selection: Mask) -> Stream:
+    def rows(self, selection: Mask) -> "Stream":
         """Keep the selected rows only."""
         return Stream(self.t[selection], {n: v[selection] for n, v in self.columns.items()})
 

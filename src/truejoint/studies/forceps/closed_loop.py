@@ -23,7 +23,6 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain
 from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
@@ -130,7 +129,7 @@ def follow_jaw(
 
 
 def track(
-    forceps: Plain,
+    forceps: m.Plain,
     methods: Sequence[str],
     follows: Sequence[str],
     loads: Mapping[str, tuple[float, float, bool]],

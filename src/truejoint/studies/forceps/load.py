@@ -15,8 +15,7 @@ from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
-from truejoint.studies.forceps.methods import rms, settled, within
-from truejoint.studies.forceps.motions import Plain, drawn_specimens, load_test, record, signals
+from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.paper import cases
 from truejoint.studies.rows import frame_table, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
@@ -46,7 +45,7 @@ def load_parts(settings: Settings) -> Sequence[Part]:
             f"{name}-{key}", weigh, {"forceps": plant, "seed": seed, **common, "hung": hung},
             {"specimen": name},
         )
-        for name, plant, seed in drawn_specimens(settings)
+        for name, plant, seed in m.drawn_specimens(settings)
         for key, hung in weights.items()
     ]  # fmt: skip
 
@@ -77,7 +76,7 @@ def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
 def rocking_test(mass: float, way: str) -> LoadTest:
     """Quick load test of a weight [kg], under which the jaw then rocks."""
     end = 14.0 + _CYCLES * 2.0 * ROCK / math.radians(3.75)
-    return load_test(mass, way, quick=True, end=end, rock=ROCK)
+    return m.load_test(mass, way, quick=True, end=end, rock=ROCK)
 
 
 @lru_cache(maxsize=4)
@@ -85,15 +84,15 @@ def _identified(
     plant: ForcepsParameters, seed: int, motion: str
 ) -> tuple[FrictionFilter, FrictionFilter, dict[str, float]]:
     """Fit filters to the motion alone and to known weights; give both and the plant's numbers."""
-    unloaded, loads = settled(record(plant, motion, seed=2 * seed)), []
+    unloaded, loads = m.settled(m.record(plant, motion, seed=2 * seed)), []
     assumed = cast("FrictionFilter", calibrate(unloaded, FrictionFilter()).model)
     for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, _WAYS)):
         test = rocking_test(mass, way)
-        run = record(plant, test, seed=100 * seed + 99 - n)
-        hangs = within(run.t, *test.phases["IV"])
+        run = m.record(plant, test, seed=100 * seed + 99 - n)
+        hangs = m.within(run.t, *test.phases["IV"])
         torque = np.where(hangs, run.column("truth_load/jaw"), np.nan)
         if float(np.nanmax(torque)) <= slack_torque(plant, test.angle - test.rock):
-            loads.append((*signals(run), torque))
+            loads.append((*m.signals(run), torque))
     X, dt, torque = (np.concatenate(columns) for columns in zip(*loads, strict=True))
     stiffness = identify_stiffness(assumed, X, torque, dt)
     identified = assumed.with_stiffness(stiffness)
@@ -107,37 +106,37 @@ def _identified(
     return assumed, identified, common
 
 
-def weigh(forceps: Plain, seed: int, motion: str, hung: Mapping[str, Any] | None) -> Rows:
+def weigh(forceps: m.Plain, seed: int, motion: str, hung: Mapping[str, Any] | None) -> Rows:
     """Identify the stiffness of a specimen by known weights, and estimate another, or none."""
     plant = ForcepsParameters.from_dict(forceps)
     assumed, identified, common = _identified(plant, seed, motion)
     if hung is None:
-        run = settled(record(plant, "verification", seed=2 * seed + 1))
+        run = m.settled(m.record(plant, "verification", seed=2 * seed + 1))
         states = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
         return [{**common, "case": UNLOADED, **states}]
-    test = load_test(hung["mass"], hung["direction"])
-    run = record(plant, test, seed=hung["hand"])
-    still = within(run.t, *test.phases["IV"])
+    test = m.load_test(hung["mass"], hung["direction"])
+    run = m.record(plant, test, seed=hung["hand"])
+    still = m.within(run.t, *test.phases["IV"])
     labels = {**common, "mass": hung["mass"], "direction": hung["direction"]}
     if float(run.column("truth_load/jaw")[still].mean()) > slack_torque(plant, test.angle):
         return [{**labels, "case": SLACK}]
-    tried = assumed.states(*signals(run)).load[still]
+    tried = assumed.states(*m.signals(run)).load[still]
     labels |= {"case": hung["direction"], "assumed": float(tried.mean())}
     return [{**labels, **_judged(identified, run, still)}]
 
 
 def _judged(model: FrictionFilter, run: Recording, chosen: Mask) -> dict[str, float]:
     """Load and angle of some rows of a run, and how they stand to what is stated of them."""
-    states = model.states(*signals(run))
+    states = model.states(*m.signals(run))
     load = states.load - run.column("truth_load/jaw")
     angle = states.angle - run.column("truth/jaw")
     return {
         "torque": float(run.column("truth_load/jaw")[chosen].mean()),
         "identified": float(states.load[chosen].mean()),
         "stated": _NINETY * float(states.load_deviation[chosen].mean()),
-        "load_rms": rms(load[chosen]),
+        "load_rms": m.rms(load[chosen]),
         **_coverage("load", (load / states.load_deviation)[chosen]),
-        "angle_rms": rms(angle[chosen]),
+        "angle_rms": m.rms(angle[chosen]),
         **_coverage("angle", (angle / states.angle_deviation)[chosen]),
     }
 

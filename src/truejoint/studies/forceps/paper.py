@@ -17,7 +17,6 @@ from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, load_test, record, trajectory
 from truejoint.studies.rows import frame_table, reported, reported_text, select, unique
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
@@ -41,13 +40,13 @@ def unloaded_parts(settings: Settings) -> Sequence[Part]:
     ]
 
 
-def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
+def compare(forceps: m.Plain, methods: Sequence[str], seed: int) -> PartResult:
     """Calibrate methods on (27), and judge them there and on (28), with noise of its own."""
     plant, rows = ForcepsParameters.from_dict(forceps), Rows()
     arrays: dict[str, Array] = {}
     models = m.calibrated(plant, tuple(methods), seed)
     for number, motion in enumerate(_RUNS):
-        judged = m.judge(models, m.settled(record(plant, motion, seed=2 * seed + number)))
+        judged = m.judge(models, m.settled(m.record(plant, motion, seed=2 * seed + number)))
         turning = near_reversal(motion, judged["t"])
         for row in m.errors(judged, motion=motion):
             error = judged[row["method"]] - judged["truth"]
@@ -59,7 +58,7 @@ def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
 
 def near_reversal(motion: str, t: Array) -> Mask:
     """Rows (n,) at times `t` (n,) [s] that are near where a motion reverses."""
-    steps = np.diff(trajectory(motion).positions[:, 0])
+    steps = np.diff(m.trajectory(motion).positions[:, 0])
     turns = SETPOINT_DT * np.flatnonzero(steps[1:] * steps[:-1] < 0.0)
     return np.asarray(np.abs(t[:, None] - turns).min(axis=1) <= REVERSAL)
 
@@ -216,7 +215,7 @@ def loaded_parts(settings: Settings) -> Sequence[Part]:
 
 def cases(settings: Settings) -> dict[str, dict[str, Any]]:
     """Weight [kg], direction and seed of the hand's wobble of each load test, by a part's key."""
-    tests = [load_test(g / 1e3, d) for d in settings["directions"] for g in settings["masses_g"]]
+    tests = [m.load_test(g / 1e3, d) for d in settings["directions"] for g in settings["masses_g"]]
     return {
         f"{1e3 * test.mass:g}g-{test.direction}": {
             "mass": test.mass, "direction": test.direction, "hand": 100 * settings.seed + number
@@ -226,12 +225,12 @@ def cases(settings: Settings) -> dict[str, dict[str, Any]]:
 
 
 def hang(
-    forceps: Plain, methods: Sequence[str], seed: int, mass: float, direction: str, hand: int
+    forceps: m.Plain, methods: Sequence[str], seed: int, mass: float, direction: str, hand: int
 ) -> PartResult:
     """Calibrate methods unloaded on (27), and judge them while one weight is hung on the jaw."""
-    plant, test = ForcepsParameters.from_dict(forceps), load_test(mass, direction)
+    plant, test = ForcepsParameters.from_dict(forceps), m.load_test(mass, direction)
     models = m.calibrated(plant, tuple(methods), seed)
-    judged = m.judge(models, record(plant, test, seed=hand))
+    judged = m.judge(models, m.record(plant, test, seed=hand))
     t, exact = judged["t"], judged["exact"]
     still = [exact[m.within(t, *test.phases[phase])].mean() for phase in ("II", "IV")]
     turn, rows = float(still[1] - still[0]), Rows()

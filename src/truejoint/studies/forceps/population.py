@@ -21,10 +21,8 @@ from truejoint.simulation.forceps.specimens import PRIORS, population
 from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.claim_tests import RULE, mostly, ordered
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.methods import settled
-from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals, tensioned
 from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, quantiles, select, unique
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summary
 
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""
@@ -44,7 +42,7 @@ def population_parts(settings: Settings) -> Sequence[Part]:
         "loads": list(product(weights, settings["directions"])),
     }
     for grams, direction in common["loads"]:
-        load_test(1e-3 * grams, direction)  # refuses what cannot be
+        m.load_test(1e-3 * grams, direction)  # refuses what cannot be
     ZeroShift.drawn(common["homing_deviation"], 0)  # the same
     drawn = population(settings["count"], settings.seed, settings["prior"])
     return [
@@ -57,7 +55,7 @@ def population_parts(settings: Settings) -> Sequence[Part]:
 
 
 def judge(
-    forceps: Plain,
+    forceps: m.Plain,
     methods: Sequence[str],
     motion: str,
     homing_deviation: float,
@@ -73,18 +71,18 @@ def judge(
     """
     plant = ForcepsParameters.from_dict(forceps)
     zero = ZeroShift.drawn(homing_deviation, number) if homing_deviation > 0.0 else ZeroShift()
-    run = m.settled(record(plant, "verification", seed=2 * number + 1, zero_shift=zero))
+    run = m.settled(m.record(plant, "verification", seed=2 * number + 1, zero_shift=zero))
     models = m.calibrated(plant, tuple(methods), number, motion)
     inside = covered(models, run, m.SETTLED) if loads else None
     rows = m.errors(m.judge(models, run), load=UNLOADED, inside=inside)
     for mass, direction, *rate in loads:
         if rate:  # it swings all the time, or is steady
             load = SwingingLoad(1e-3 * mass, rate[0], direction == "opening")
-            hung = record(plant, "verification", seed=2 * number + 1, load=load)
+            hung = m.record(plant, "verification", seed=2 * number + 1, load=load)
             first, last, name = m.SETTLED, math.inf, f"{rate[0]:g} Hz, {direction}"
         else:
-            test = load_test(1e-3 * mass, direction, quick=True, end=17.0)
-            hung = record(plant, test, seed=100 * number + round(mass))
+            test = m.load_test(1e-3 * mass, direction, quick=True, end=17.0)
+            hung = m.record(plant, test, seed=100 * number + round(mass))
             (first, last), name = test.phases["IV"], f"{mass:g} g {direction}"
         labels = {"load": name, "inside": covered(models, hung, first)}
         rows += m.errors(m.judge(models, hung), first, last, **labels)
@@ -174,7 +172,7 @@ def tension_parts(settings: Settings) -> Sequence[Part]:
     return [
         Part(
             f"{prior}-{n:05d}-{factor:g}", judge,
-            {"forceps": tensioned(p, factor).to_dict(), "number": n, "loads": loads, **common},
+            {"forceps": m.tensioned(p, factor).to_dict(), "number": n, "loads": loads, **common},
             {"prior": prior, "specimen": f"{prior} {n}", "tension": factor},
         )
         for prior in settings["priors"]
@@ -238,7 +236,7 @@ def swinging_summary(results: Results) -> Summary:
     table = frame_table("Loads that swing", texts, (note, RULE), head="load")
     swung = [name for name in unique(rows, "load") if name != UNLOADED and name[0] != "0"]
     low, high = ({"method": name} for name in (m.BEST, m.PAPERS_BEST))
-    claim = Statement(CLAIMS["swinging"], ordered(low, high, {"load": swung}))
+    claim = CLAIMS["swinging"]._replace(judge=ordered(low, high, {"load": swung}))
     judged = {m.BEST, m.PAPERS_BEST} <= set(rows.method) and swung
     return Summary((table,), claims=[claim.judged(rows)] if judged else ())
 
@@ -311,7 +309,7 @@ def designed(
             f"{side}_encoder.resolution": 1e-9,
             f"{side}_encoder.noise": 0.0,
         }
-    return tensioned(plant.with_values(values), tension)
+    return m.tensioned(plant.with_values(values), tension)
 
 
 def sensed(recording: Recording, resolution: float, zero: ZeroShift, seed: int) -> Recording:
@@ -320,12 +318,12 @@ def sensed(recording: Recording, resolution: float, zero: ZeroShift, seed: int) 
     for name, shift in ((DRIVE, zero.drive), (RESET, zero.reset)):
         exact = recording.column(name) + shift
         noise = rng.normal(0.0, NOISE * resolution, len(exact))
-        recording = changed(recording, name, quantised(exact + noise, resolution))
+        recording = m.changed(recording, name, quantised(exact + noise, resolution))
     return recording
 
 
 def measure(
-    forceps: Plain,
+    forceps: m.Plain,
     layouts: Sequence[str],
     resolutions: Sequence[float],
     homings: Sequence[float],
@@ -338,22 +336,22 @@ def measure(
     directions.
     """
     plant, rate, rows = ForcepsParameters.from_dict(forceps), {"log_rate": 100.0}, Rows()
-    tests = [load_test(mass, way, **_WEIGHT) for way in ("opposing", "along")]
+    tests = [m.load_test(mass, way, **_WEIGHT) for way in ("opposing", "along")]
     still = [test.phases["IV"][0] for test in tests]
-    taught = settled(record(plant, "calibration", seed=4 * number, **rate))
-    verified = settled(record(plant, "verification", seed=4 * number + 1, **rate))
-    hung = [record(plant, t, seed=4 * number + 2 + i, **rate) for i, t in enumerate(tests)]
+    taught = m.settled(m.record(plant, "calibration", seed=4 * number, **rate))
+    verified = m.settled(m.record(plant, "verification", seed=4 * number + 1, **rate))
+    hung = [m.record(plant, t, seed=4 * number + 2 + i, **rate) for i, t in enumerate(tests)]
     for layout, resolution, homing in product(layouts, resolutions, homings):
         if not encoders(layout) and (resolution, homing) != (resolutions[0], homings[0]):
             continue  # nothing that these change
         zero = ZeroShift.drawn(homing, number)
         names = LAYOUTS[layout]
-        X, dt = signals(sensed(taught, resolution, ZeroShift(), number), *names)
+        X, dt = m.signals(sensed(taught, resolution, ZeroShift(), number), *names)
         estimator: Any = GatedPlays() if layout == "motor+x2" else JawPlays(signals=names)
         estimator.fit(X, taught.column("truth/jaw"), dt=dt)
         errors = []
         for run, first in ((verified, -math.inf), *zip(hung, still, strict=True)):
-            X, dt = signals(sensed(run, resolution, zero, number), *names)
+            X, dt = m.signals(sensed(run, resolution, zero, number), *names)
             error = np.ravel(estimator.predict(X, dt)) - run.column("truth/jaw")
             errors.append(float(np.sqrt(np.nanmean(error[run.t >= first] ** 2))))
         design = {"layout": layout, "resolution": resolution, "homing": homing}

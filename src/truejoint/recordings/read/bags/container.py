@@ -202,9 +202,6 @@ def _parts(folder: Path) -> list[Path]:
     return sorted(parts, key=number)
 
 
-# ---------------------------------------------------------------------------------------- ROS 1
-
-
 def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
     """Fields of a record's header; raises struct.error where it is damaged."""
     fields, at = {}, 0
@@ -298,9 +295,6 @@ def _ros1(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
         lost[CUT_SHORT] += end - whole
 
 
-# ----------------------------------------------------------------------------------------- MCAP
-
-
 def _text(data: bytes, at: int) -> tuple[str, int]:
     (size,) = _U32.unpack_from(data, at)
     return data[at + 4 : at + 4 + size].decode(errors="replace"), at + 4 + size
@@ -390,9 +384,6 @@ def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
         whole = begin + length if begin + length <= end else whole
     if whole < end:  # the last record is not whole
         bag.lost[CUT_SHORT] += end - whole
-
-
-# --------------------------------------------------------------------------------------- SQLite
 
 
 @contextmanager

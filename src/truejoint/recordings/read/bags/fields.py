@@ -5,8 +5,6 @@ through its definition, and whatever has the same lengths of texts and lists is 
 array. So any variant of a message is read, and a million of them in a second.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -122,7 +120,7 @@ class Decoder:
 
     def decode(
         self, times: Sequence[int], messages: Sequence[bytes], first: int = 0
-    ) -> Iterator[Lot]:
+    ) -> "Iterator[Lot]":
         """Lots of messages of the same layout, of messages that were received at `times` [ns].
 
         The first of them is number `first` of the topic. Raises RecordingError if the layout
@@ -252,7 +250,7 @@ class Series:
         self._lots: list[tuple[NDArray[np.int64], NDArray[np.int64], dict[str, Array]]] = []
         self._names: dict[str, None] = {}
 
-    def add(self, lot: Lot, columns: Mapping[str, Array]) -> None:
+    def add(self, lot: "Lot", columns: Mapping[str, Array]) -> None:
         """Take what a lot of messages holds (m,); a column that a lot lacks has no value there.
 
         Raises RecordingError where there are too many.
