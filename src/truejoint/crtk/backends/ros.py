@@ -464,12 +464,12 @@ class RosBackend:
             raise RosError(self._stream.refusal or self._nobody(self._stream.topic))
 
     def _nobody(self, topic: str) -> str:
-        ending = "/" + topic.rsplit("/", 1)[-1]
-        spaces = sorted(
-            t.removesuffix(ending) for t in self._transport.topics() if t.endswith(ending)
-        )
+        ending, kinds = "/" + topic.rsplit("/", 1)[-1], self._transport.topics()
+        spaces = sorted(t.removesuffix(ending) for t in kinds if t.endswith(ending))
         advice = "no arm reports: start the node of the robot, in this ROS master or domain"
-        if spaces:
+        if topic in kinds:
+            advice = f"{kinds[topic]} is published there; is it this robot's, and does it run?"
+        elif spaces:
             near = self._stream.namespace and meant(self._stream.namespace, spaces)
             advice = f"arms report under {', '.join(spaces)}:{near or ' give one'}"
         return f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {advice}"
