@@ -287,7 +287,8 @@ class _Subscription:
     def tell_mismatch(self) -> None:
         """Log once that a writer cannot be heard: it promises less, or is of another type."""
         with suppress(core.DDSException, IndexError):  # it was ended meanwhile
-            status = self.readers[-1].get_requested_incompatible_qos_status()
+            reader: Any = self.readers[-1]
+            status = reader.get_requested_incompatible_qos_status()
             if status.total_count_change:
                 is_less = status.last_policy_id == _RELIABILITY
                 what = "best effort" if is_less else "of another type"
