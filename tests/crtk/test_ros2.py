@@ -25,7 +25,14 @@ from truejoint import read_recording
 from truejoint.cli.app import main
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.messages import DEFINITIONS, FORWARD, JOINT_STATE, OPERATING_STATE, SERVICES
+from truejoint.crtk.messages import (
+    DEFINITIONS,
+    FORWARD,
+    JOINT_STATE,
+    OPERATING_STATE,
+    SERVICES,
+    STRING_STAMPED,
+)
 from truejoint.crtk.ros import open_transport, ros2
 from truejoint.crtk.ros.dds_types import definitions, message_class
 from truejoint.crtk.ros.ros2 import Ros2, discovery
@@ -199,14 +206,21 @@ def test_what_was_latched_comes_once_and_what_was_not_too(nodes):
     assert [message.state for message in box] == ["ENABLED", "PAUSED", "FAULT", "ENABLED"]
 
 
-def test_a_best_effort_publisher_that_cannot_be_heard_is_named(nodes, caplog):
+@pytest.mark.parametrize(
+    ("kind", "reliability", "what"),
+    [
+        (JOINT_STATE, Policy.Reliability.BestEffort, "best effort"),
+        (STRING_STAMPED, Policy.Reliability.Reliable(0), "of another type"),
+    ],
+)
+def test_a_publisher_that_cannot_be_heard_is_named(nodes, caplog, kind, reliability, what):
     first, second = nodes
     second.subscribe("/a", JOINT_STATE, Mailbox())
-    qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile)
-    topic = Topic(first._participant, "rt/a", message_class("sensor_msgs/msg/JointState"))
+    qos = Qos(reliability, Policy.Durability.Volatile)
+    topic = Topic(first._participant, "rt/a", message_class(kind.replace("/", "/msg/")))
     writer = DataWriter(first._participant, topic, qos)
     with caplog.at_level(logging.WARNING):
-        while "/a: its publisher is best effort" not in caplog.text:
+        while f"/a: its publisher is {what}, and is not heard" not in caplog.text:
             threading.Event().wait(0.05)
     del writer
 

@@ -243,7 +243,7 @@ class ArmServer:
         target = self._target(name, message)
         if self._end_move():
             target = self._target(name, message)  # from where that has left it
-        self._follower.ask(target, name)
+        self._follower.ask(target, name, t)
 
     def _target(self, name: str, message: Any) -> Array:
         """Set-point (n_joints,) [rad or m] that a command asks for, from that before it.

@@ -21,13 +21,15 @@ LAPSE: Final = 0.02
 """Time without a new set-point after which an arm that has reached the last one stands [s]."""
 _ENDING: Final = 0.1  # [s] that a stream may take to end before a set-point is lost; a pause waits
 _PIECE: Final = 2e-3  # [s] of set-points that are sent at once: the newest one has to wait for them
+_BURST: Final = 5e-3  # [s] of set-points that one stands for where those between were passed over
 
 
 @dataclass(eq=False)
 class _Stream:
-    """Newest set-point (n_joints,) [rad or m] of a motion that follows them."""
+    """Newest set-point (n_joints,) [rad or m] of a motion that follows them, and its stamp [s]."""
 
     goal: Array
+    t: float
     is_ended: bool = False
     is_limited: bool = False
     motion: Motion | None = None
@@ -42,9 +44,10 @@ class SetpointFollower:
     """Takes an arm to the newest set-point that was asked for, no joint faster than its top speed.
 
     A set-point that is further away than one period allows is approached at top speed, along a
-    straight line of the joints. A newer one takes its place at once: none is queued. The motion
-    ends once the newest is reached and no other comes within `LAPSE`. `say` is called with a line
-    where the arm cannot keep up.
+    straight line of the joints. A newer one takes its place at once: none is queued. If others were
+    passed over for it, it takes as many periods as its stamp says, up to five: a link that jitters
+    changes no speed. The motion ends once the newest is reached and no other comes within `LAPSE`.
+    `say` is called with a line where the arm cannot keep up.
     """
 
     def __init__(self, arm: Arm, say: Callable[[str], None]) -> None:
@@ -63,8 +66,8 @@ class SetpointFollower:
             return stream.goal
         return self._arm.latest_setpoint(command, pre_empts=True)
 
-    def ask(self, target: Array, command: str) -> None:
-        """Go to `target` (n_joints,) [rad or m] in place of any other.
+    def ask(self, target: Array, command: str, t: float = 0.0) -> None:
+        """Go to `target` (n_joints,) [rad or m], stamped `t` [s], in place of any other.
 
         Raises CommandRefused if it is out of a joint's range, or the arm is not ready.
         """
@@ -72,13 +75,13 @@ class SetpointFollower:
         with self._asked:
             stream = self._stream
             if stream is not None and not stream.is_over:
-                stream.goal = target
+                stream.goal, stream.t = target, t
                 self._asked.notify()
                 return
         if stream is not None and stream.motion is not None:
             stream.motion.over.wait(_ENDING)  # it has reached its last one, and ends
         start = self._arm.latest_setpoint(command)
-        self._stream = stream = _Stream(target)
+        self._stream = stream = _Stream(target, t)
         try:
             stream.motion = self._arm.stream(
                 self._pieces(stream, start, command), math.inf, command
@@ -97,7 +100,8 @@ class SetpointFollower:
 
     def _pieces(self, stream: _Stream, here: Array, command: str) -> Iterator[Array]:
         """Set-points (n, n_joints) from `here` (n_joints,), as long as new ones come."""
-        most = max(round(_PIECE * self._arm.rate), 1)
+        rate, t = self._arm.rate, stream.t
+        most, burst = max(round(_PIECE * rate), 1), max(round(_BURST * rate), 1)
 
         def is_news() -> bool:
             return stream.is_over or not np.array_equal(stream.goal, here)
@@ -108,7 +112,7 @@ class SetpointFollower:
                     if not self._asked.wait_for(is_news, LAPSE) or stream.is_over:
                         stream.is_ended = True
                         return
-                    goal = stream.goal
+                    goal, stamp = stream.goal, stream.t
                 periods = max(math.ceil(float(np.max(np.abs(goal - here) / self._step)) - 1e-6), 1)
                 if periods > most and not stream.is_limited:
                     stream.is_limited = True
@@ -116,7 +120,10 @@ class SetpointFollower:
                         f"{command}: a set-point is further away than the joints can go in a "
                         "period; the arm goes there at top speed"
                     )
-                share = np.arange(1, min(periods, most) + 1)[:, None] / periods
+                periods = max(periods, min(round((stamp - t) * rate), burst))
+                sent = min(periods, most)
+                t = stamp if sent == periods else max(t, stamp - burst / rate) + sent / rate
+                share = np.arange(1, sent + 1)[:, None] / periods
                 rows = goal - (1.0 - share) * (goal - here)
                 here = rows[-1]
                 yield rows

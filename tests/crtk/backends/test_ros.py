@@ -19,6 +19,7 @@ from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
 from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED
 from truejoint.crtk.server import ArmServer, matrix_of
+from truejoint.crtk.setpoint_follower import SetpointFollower, _Stream
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
 from truejoint.robots import get_robot
 
@@ -488,12 +489,20 @@ def test_a_robot_that_refuses_set_points_gets_no_new_ones_after_50_ms(monkeypatc
         assert arm.setpoint_js().position == pytest.approx(robot.setpoint, abs=1e-9)
 
 
-@pytest.mark.parametrize("silent", [(1.0, 1.06), (0.0, 0.0)])
-def test_a_link_that_stalls_has_time_to_take_set_points(monkeypatch, silent):
-    """Also where the robot's messages go on: its computer may be late with what it reads."""
-    robot = Stepped(monkeypatch, 1000.0, (1.0, 1.15), silent=silent)
+@pytest.mark.parametrize(
+    ("refusing", "silent"),
+    [((1.0, 1.15), (1.0, 1.06)), ((1.0, 1.15), (0.0, 0.0)), ((1.0, 1.75), (1.05, 1.65))],
+)
+def test_a_link_that_stalls_has_time_to_take_set_points(monkeypatch, refusing, silent):
+    """Also where the robot's messages go on: its computer may be late with what it reads.
+
+    While it is not heard, nothing says that it refuses them.
+    """
+    monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
+    robot = Stepped(monkeypatch, 1000.0, refusing, silent=silent)
     with robot.arm() as arm:
         arm.move_jp(ROBOT.home + 0.3 * SHOULDER).wait()
+        robot.sleep(2e-3)  # the last one is taken by the next report
         assert robot.setpoint == pytest.approx(ROBOT.home + 0.3 * SHOULDER, abs=1e-6)
     assert len(robot.refused) < 100  # and meanwhile nothing new is sent
 
@@ -551,6 +560,16 @@ def test_the_newest_set_point_wins_and_none_is_queued(served, arm):
     goal = ROBOT.home + 0.01 * SHOULDER
     served.say("servo_jp", position=goal.tolist())
     at_rest(served, goal)
+
+
+def test_what_comes_in_a_burst_takes_the_time_that_its_stamps_say(served):
+    """A set-point for which others were passed over is gone to no faster than those."""
+    stream = _Stream(ROBOT.home + 1e-4 * SHOULDER, 5.0)
+    pieces = SetpointFollower(served.arm, print)._pieces(stream, ROBOT.home, "servo_jp")
+    assert next(pieces)[:, 0] - ROBOT.home[0] == pytest.approx([1e-4])
+    stream.goal, stream.t = ROBOT.home + 5e-4 * SHOULDER, 5.004
+    rows = np.concatenate([next(pieces), next(pieces)])
+    assert rows[:, 0] - ROBOT.home[0] == pytest.approx([2e-4, 3e-4, 4e-4, 5e-4])
 
 
 def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served, arm, caplog):

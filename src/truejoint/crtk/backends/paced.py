@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from copy import deepcopy
 from typing import Final
 
 from truejoint.array_types import Array
@@ -48,6 +49,9 @@ class PacedBackend(SimulatedBackend):
         super().__init__(twin, rate=rate)
         self.period: Final = 1.0 / self.rate
         self._most = max(round(_AHEAD * self.rate), 1)  # set-points that wait
+        rehearsal = deepcopy(twin)  # so that all is compiled before others wait for its messages
+        rehearsal.home()
+        rehearsal.idle(0.0)
         if homed:
             self._last = twin.home().rows(slice(-1, None))
             self._state = OperatingState("ENABLED", is_homed=True, is_busy=False, t=twin.time)

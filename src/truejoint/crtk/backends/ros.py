@@ -126,10 +126,12 @@ class RosBackend:
         self._servo: Publisher
         self._command: Publisher
         self._due = 0.0
+        self._stamp = -math.inf  # of the newest set-point [s]
         self._sent: Array | None = None
         self._stood: Array | None = None  # where the robot's set-point was then
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
         self._astray: tuple[float, Array] | None = None  # since when [s] the set-point stands off
+        self._reported = -math.inf  # stamp [s] of the newest state
         self._measured: Array | None = None
         # A joint that has arrived creeps on: a fifth of the tolerance is for that.
         self._near = 0.8 * np.array([tolerance[joint.unit] for joint in robot.joints])
@@ -263,6 +265,7 @@ class RosBackend:
     def _forget_sent(self) -> None:
         self._settling = math.inf, -math.inf
         self._sent = self._astray = None
+        self._stamp = -math.inf
         self._trim = np.zeros_like(self._trim)
         self._in_flight.clear()
 
@@ -298,14 +301,16 @@ class RosBackend:
                 step = np.abs(row - self._sent)
                 room = np.where(step > 0.0, np.maximum(self._largest_step - step, 0.0), 0.0)
                 self._trim = self._trim - np.clip(self._trim / (_FADE * self.rate), -room, room)
-            self._send(row)
+            late = time.perf_counter() - self._due
+            self._send(row, late if late < _HOPELESS else 0.0)
         return len(position)
 
-    def _send(self, row: Array) -> None:
-        """Send a set-point (n_joints,) [rad or m], and what is added to it."""
+    def _send(self, row: Array, late: float = 0.0) -> None:
+        """Send a set-point (n_joints,) [rad or m] due `late` [s] ago, and what is added to it."""
         self._sent, self._stood = row, self._setpoint
         target = np.clip(row + self._trim, self.robot.lower, self.robot.upper)
-        message = self._transport.stamped(JOINT_STATE, self._transport.now())
+        self._stamp = max(self._stamp, self._transport.now() - late)
+        message = self._transport.stamped(JOINT_STATE, self._stamp)
         message.position = target.tolist()
         self._has_commanded = True
         self._in_flight.append((time.monotonic(), target))
@@ -314,15 +319,17 @@ class RosBackend:
     def _is_taken(self, go_on: Callable[[], bool]) -> bool:
         """Wait while the robot's set-point stands elsewhere; False where it is not to go on.
 
-        Raises CommandRefused where it stands there for too long. Times are by the robot's clock.
+        Raises CommandRefused where its reports say so for too long. Of a robot that is not heard
+        nothing is known: it gets no set-point either, and `operating_state` says when it is silent.
         """
         with self._changed:
             while (astray := self._astray) is not None:
-                stands = self.time - astray[0]
+                stands, is_heard = self.time - astray[0], self.time - self._reported <= _STILL
                 if stands <= _STILL:
                     break
-                if stands > _MOST_STILL:
+                if stands > _MOST_STILL and is_heard:
                     raise self._not_taken(astray[1])
+                self.operating_state()
                 if not go_on():
                     return False
                 self._changed.wait(GRAIN)
@@ -343,6 +350,7 @@ class RosBackend:
     def _compare(self, t: float, setpoint: Array) -> None:
         """Keep in mind since when [s], by its clock, the robot's set-point stands off the last."""
         now, in_flight = time.monotonic(), self._in_flight
+        elapsed, self._reported = t - self._reported, t
         while len(in_flight) > 1 and now - in_flight[1][0] > _IN_FLIGHT:
             in_flight.popleft()
         if (
@@ -352,7 +360,11 @@ class RosBackend:
             or (np.abs(setpoint - in_flight[-1][1]) <= self._near).all()
         ):
             self._astray = None
-        elif self._astray is None or not np.array_equal(setpoint, self._astray[1]):
+        elif (
+            self._astray is None
+            or elapsed > _IN_FLIGHT  # of that time nothing is known
+            or not np.array_equal(setpoint, self._astray[1])
+        ):
             self._astray = t, setpoint
 
     def _is_on_way(self, setpoint: Array) -> bool:
@@ -452,12 +464,12 @@ class RosBackend:
             raise RosError(self._stream.refusal or self._nobody(self._stream.topic))
 
     def _nobody(self, topic: str) -> str:
-        ending = "/" + topic.rsplit("/", 1)[-1]
-        spaces = sorted(
-            t.removesuffix(ending) for t in self._transport.topics() if t.endswith(ending)
-        )
+        ending, kinds = "/" + topic.rsplit("/", 1)[-1], self._transport.topics()
+        spaces = sorted(t.removesuffix(ending) for t in kinds if t.endswith(ending))
         advice = "no arm reports: start the node of the robot, in this ROS master or domain"
-        if spaces:
+        if topic in kinds:
+            advice = f"{kinds[topic]} is published there; is it this robot's, and does it run?"
+        elif spaces:
             near = self._stream.namespace and meant(self._stream.namespace, spaces)
             advice = f"arms report under {', '.join(spaces)}:{near or ' give one'}"
         return f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {advice}"

@@ -36,6 +36,7 @@ _DISCOVERY: Final = 1.5  # [s] in which others on the network have been found
 _BATCH: Final = 64  # messages of one topic before the next topic's turn
 _LAST_DOMAIN: Final = 232  # beyond it DDS has no ports
 _RANGES: Final = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
+_RELIABILITY: Final = 11  # number of DDS's policy
 _GRAPH: Final = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 _log = logging.getLogger(__name__)
@@ -284,13 +285,16 @@ class _Subscription:
                         _log.exception("%s: a message could not be dealt with", self.topic)
 
     def tell_mismatch(self) -> None:
-        """Log once that a writer cannot be heard: it promises less than is asked for."""
+        """Log once that a writer cannot be heard: it promises less, or is of another type."""
         with suppress(core.DDSException, IndexError):  # it was ended meanwhile
             reader: Any = self.readers[-1]
-            if reader.get_requested_incompatible_qos_status().total_count_change:
+            status = reader.get_requested_incompatible_qos_status()
+            if status.total_count_change:
+                is_less = status.last_policy_id == _RELIABILITY
+                what = "best effort" if is_less else "of another type"
+                advice = "make it reliable" if is_less else "is it this robot's?"
                 _log.warning(
-                    "%s: its publisher is best effort, and is not heard; make it reliable",
-                    self.topic,
+                    "%s: its publisher is %s, and is not heard; %s", self.topic, what, advice
                 )
 
     def _is_new(self, sample: Any, *, only_first: bool) -> bool:
