@@ -217,8 +217,10 @@ def test_a_load_swings_in_no_loop():
     (claim,) = result.summary.claims
     assert claim.number.startswith("O")
     assert claim.holds == below_all([*zip(ours, paper, strict=True)])
-    with pytest.raises(TruejointError, match=r"a load of -0\.1 kg"):
-        run_study("forceps-swinging", {"mass_g": -100})
+    study = get_study("forceps-swinging")
+    for wrong, said in ({"mass_g": -100}, r"a load of -0\.1 kg"), ({"swings_hz": "-1"}, "at -1 Hz"):
+        with pytest.raises(TruejointError, match=said):
+            study.parts(study.settings(options=wrong))
 
 
 def test_loads_are_weighed(monkeypatch):

@@ -34,12 +34,11 @@ _HELD: Final = 0.15
 def population_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen; a weight of 0 g is none."""
     settings.check_names("method", "methods", m.METHODS)
-    weights = [mass for mass in settings["masses_g"] if mass]
     common = {
         "methods": settings["methods"],
         "motion": settings["motion"],
         "homing_deviation": settings["homing_um"] / 1e6,
-        "loads": list(product(weights, settings["directions"])),
+        "loads": [way for way in product(settings["masses_g"], settings["directions"]) if way[0]],
     }
     for grams, direction in common["loads"]:
         m.load_test(1e-3 * grams, direction)  # refuses what cannot be
@@ -212,6 +211,7 @@ def swinging_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen; at 0 Hz a load is steady."""
     settings.check_names("method", "methods", m.METHODS)
     rates = (0.0, *settings["swings_hz"])
+    _ = [SwingingLoad(1e-3 * settings["mass_g"], rate) for rate in rates]  # refuses what cannot be
     loads = list(product([settings["mass_g"]], ("shutting", "opening"), rates))
     common = {"methods": settings["methods"], "motion": "calibration", "homing_deviation": 0.0}
     return [
