@@ -35,14 +35,19 @@ os.fsync = lambda _file: None  # what tests write need outlive no power cut
 
 
 LONGEST = (
-    "estimators/test_contract", "crtk/backends/test_ros", "studies/raven2/test_experiments",
-    "runtime/test_registered", "studies/forceps/test_experiments", "test_lab_day",
-    "export/test_registered_c", "test_first_hours", "test_readme", "recordings/test_hostile",
-    "calibration/test_zero", "test_examples", "monitor/test_pages", "cli/test_teleop",
-    "tip/test_faults", "test_plugins", "recordings/judge/test_positions", "calibration/test_choose",
-    "simulation/raven2/test_twin", "evaluation/test_intervals", "calibration/test_cross_conformal",
+    "estimators/test_contract", "crtk/backends/test_ros", "recordings/test_hostile",
+    "tip/test_faults", "recordings/judge/test_positions", "simulation/raven2/test_twin",
+    "studies/raven2/test_experiments", "runtime/test_registered",
+    "studies/forceps/test_experiments", "test_lab_day", "cli/test_dvrk", "export/test_registered_c",
+    "test_first_hours", "test_readme", "calibration/test_zero", "test_examples",
+    "monitor/test_pages", "cli/test_teleop", "test_plugins", "calibration/test_choose",
+    "evaluation/test_intervals", "calibration/test_cross_conformal",
+    "estimators/network/test_sequence", "evaluation/test_evaluate", "export/test_self_check",
 )  # fmt: skip
-"""Files that take longest. The first compiles the kernels and fits the models that others use."""
+"""Files that take longest. The first compiles the kernels and fits the models that others use.
+
+Beside it run files that need few of them: what two processes lack at once, both compile.
+"""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
