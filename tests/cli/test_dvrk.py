@@ -33,7 +33,7 @@ def session(tmp_path_factory):
 def test_touches_find_the_zero_of_another_power_on(call, session, tmp_path):
     call.good(f"calibrate {session}/learn.parquet -e linear -o psm1.safetensors")
     call.good(f"touch block {ARM} -o .")
-    call.good("touch run psm1.safetensors --block block.toml --count 12 -o day_one.csv")
+    call.good("touch run psm1.safetensors --block block.toml --count 8 -o day_one.csv")
     call.good("touch bolt psm1.safetensors --touches day_one.csv --block block.toml -o pose.toml")
     call.good("touch run psm1.safetensors --bolted pose.toml --seed 8 -o today.csv")
     call.good("rezero psm1.safetensors --touches today.csv --bolted pose.toml -o today.safetensors")
