@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from tests.refusals import refused
-from tests.runtime.registered import fit, good_rows, in_loop, model, training, unseen
+from tests.runtime.registered import fit, in_loop, model, training, unseen
 from tests.runtime.streams import stepped
 
 from truejoint.calibration import Calibration, read_calibration, with_interval, write_calibration
@@ -41,20 +41,6 @@ def test_single_rows_give_the_bits_of_all_rows(name):
     np.testing.assert_array_equal(single, whole)
     assert np.isfinite(whole).all()
     assert np.isinf(widths).all()  # what a row states of itself is the corrector's wish
-
-
-@pytest.mark.parametrize("name", in_loop())
-def test_corrector_and_calibration_give_the_same_bits(name):
-    calibration, recording = model(name), unseen(name).rows(np.arange(300))
-    assert good_rows(calibration, recording, calibration.correct(recording)) > 200
-
-
-@pytest.mark.parametrize("name", in_loop())
-def test_a_restart_leaves_nothing_of_the_history_before(name):
-    calibration, X, dt = rows(name)
-    again = len(X) // 2
-    whole = calibration.model.evaluate(X, dt)
-    np.testing.assert_array_equal(calibration.model.evaluate(X[again:], dt[again:]), whole[again:])
 
 
 @pytest.mark.parametrize("name", in_loop())
