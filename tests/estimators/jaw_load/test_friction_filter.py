@@ -155,3 +155,6 @@ def test_a_load_that_nothing_shows_may_be_as_large_as_friction_holds():
     # The motor goes on, and what was shown is of another place.
     after(place + moving, end - moving)
     assert after(place + moving[-1] + still, end - moving[-1]) == pytest.approx(UNSHOWN)
+    # So it is where a history begins.
+    assert after(place + moving[-1] + still, end - 2 * moving[-1]) == pytest.approx(SHOWN)
+    assert after(place + still, end, fresh=True) == pytest.approx(UNSHOWN)
