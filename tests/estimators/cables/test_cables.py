@@ -49,7 +49,15 @@ def test_a_half_width_never_vanishes_though_loads_explain_all_errors():
         runs.append((rows, own.Run(np.zeros((1000, 6)), truth, load, dt)))
         found.append((1e-3 * size * wave, deviation, 1.01 * load, deviation, states))
     whole = own.Estimate(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
-    assert (own.structure(runs, whole) > 1e-6).all()
+    angle, by_load, of_load, load_by_load = structure = own.structure(runs, whole)
+    assert (structure[::2] > 1e-6).all()  # of the filter's own deviations, without any load
+    for rows, run in runs:
+        loads = np.abs(whole.load[rows]).sum(axis=1, keepdims=True)
+        stated = angle * whole.angle_deviation[rows] ** 2 + by_load * loads
+        assert (stated.mean(axis=0) > 0.5 * np.mean(whole.angle[rows] ** 2, axis=0)).all()
+        stated = of_load * whole.load_deviation[rows] ** 2 + load_by_load * loads
+        off = whole.load[rows] - run.load
+        assert (stated.mean(axis=0) > 0.5 * np.mean(off**2, axis=0)).all()
 
 
 def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
