@@ -135,7 +135,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             with suppress(Exception):  # a regressor of others that cannot be written
                 key = blake2b(pickle.dumps((asked, inputs, targets, steps, self._loads))).digest()
         if learnt is not None and key in learnt:
-            vars(self).update(learnt[key])
+            self.__dict__.update(learnt[key])
         else:
             with one_thread():
                 self.arrays_ = self._learn(inputs, targets, steps, progress or untold)
