@@ -215,8 +215,9 @@ compiled = jit()
 inlined = jit(forceinline=True)  # into its callers: passing many arrays costs more
 
 
+@cache
 def address(function: Any, signature: Any) -> int:
-    """Address of a numba function for arguments of that signature, valid as long as it lives."""
+    """Address of a numba function, which lives as long as the process, for that signature."""
     function.compile(signature)
     return int(_get_wrapper_address(function, signature))
 

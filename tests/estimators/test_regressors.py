@@ -19,6 +19,7 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
+from truejoint.estimators.base import shared_fits
 from truejoint.estimators.polynomial.run import polynomial_factors
 
 QUICK = [
@@ -169,3 +170,19 @@ def test_wrong_parameters_are_refused(estimator, data):
 def test_too_many_terms_are_refused():
     rng = np.random.default_rng(0)
     refused("more than 4000", Polynomial().fit, rng.normal(size=(10, 100)), np.arange(10.0))
+
+
+def test_what_was_fitted_to_the_same_rows_is_not_fitted_again(monkeypatch):
+    X, learn, learnt = np.linspace(-1.0, 1.0, 200)[:, None], Polynomial._learn, []
+    monkeypatch.setattr(
+        Polynomial, "_learn", lambda self, *rows: learnt.append(self.degree) or learn(self, *rows)
+    )
+    for degree, y in ((2, X[:, 0] ** 2), (2, X[:, 0] ** 2), (2, X**2), (1, X**2), (2, X)):
+        apart = Polynomial(degree).fit(X, y).predict(X)
+        with shared_fits():
+            _, again = (Polynomial(degree).fit(X, y) for _ in range(2))
+        np.testing.assert_array_equal(again.predict(X), apart)
+    assert learnt == [2] * 6 + [1] * 2 + [2] * 2
+    with shared_fits():
+        shapes = [Polynomial(2).fit(X, y).predict(X).shape for y in (X[:, 0], X)]
+    assert shapes == [(200,), (200, 1)]

@@ -369,7 +369,7 @@ def _predict(
         loads = np.concatenate([fit_task.known_loads(p.recording, names) for p in table.parts])
         model.fit(table.X, targets, None, table.dt, loads[table.rows])
         history = np.cumsum(table.dt == 0.0)
-        run = np.flatnonzero(np.isin(history, history[test]))  # not what runs before it
+        run = np.flatnonzero(np.isin(history[: test[-1] + 1], history[test]))  # not what is before
     else:
         model.fit(table.X[training], values[training])
         run = test
@@ -679,6 +679,9 @@ def _validate(table: CrossValidation, left_out: Sequence[Fold], budget: float, s
         try:
             share = fit_task.within(say, number / len(left_out), 1.0 / len(left_out))
             cross_validate(table, len(table.folds), fold, share)
+            for candidate in table.candidates:  # that could not be fitted without most of them
+                if 2 * (len(table.folds) - len(candidate.folds)) > len(left_out):
+                    candidate.note = candidate.note or candidate.lacking
         except CalibrationError:
             if fold is left_out[-1] and not table.folds:
                 raise

@@ -32,7 +32,7 @@ from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
 from truejoint.calibration.redundancy import fit_parity_equations
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Progress, untold
+from truejoint.estimators.base import Progress, shared_fits, untold
 from truejoint.estimators.family import Target
 from truejoint.estimators.registry import AUTO, DEFAULT
 from truejoint.estimators.wrapped import Regressor
@@ -44,6 +44,7 @@ _CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
 _ZEROS_SHARE: Final = 0.2  # and of judging zeros then
 
 
+@shared_fits()
 def calibrate(
     recordings: Recording | Sequence[Recording],
     estimator: str | Regressor | Automatic = DEFAULT,
@@ -260,8 +261,10 @@ def _judge_zeros(
     bare = replace(fitted, gap_limit=longest, rezeroed_fit=None, effort_baseline=None)
 
     def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
+        hidden = [part.hide(np.ones(len(part), dtype=bool)) for part in parts]
+        seen = [parts[k] if k in training else hidden[k] for k in range(len(parts))]
+        shared, again = (_refitted(bare, task, seen, own) for own in (False, True))
         rows = [parts[index] for index in training]
-        shared, again = (_refitted(bare, task, rows, own) for own in (False, True))
         baseline = residual_baseline(shared, rows, _held_out(evidence, shared.joints))
         return replace(shared, effort_baseline=baseline), replace(again, effort_baseline=baseline)
 

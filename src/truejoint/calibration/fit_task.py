@@ -217,17 +217,19 @@ def recording_zeros(parts: Sequence[Rows]) -> Array:
     """Zeros (n_parts, n_joints) [rad or m] about their mean: least squares with the linear model.
 
     The slopes are those within the recordings, so a feature that changes between them alone has
-    none.
+    none. A part that no row is fitted to counts for nothing.
     """
-    rows = np.repeat(np.arange(len(parts)), [len(part.fitted) for part in parts])
+    sizes = np.array([len(part.fitted) for part in parts])
+    rows = np.repeat(np.arange(len(parts)), sizes)
     X, error = (fitted_rows(parts, name) for name in ("X", "error"))
     inputs, errors = np.zeros_like(X), np.zeros_like(error)
-    for number in range(len(parts)):
+    for number in np.flatnonzero(sizes):
         within_one = rows == number
         varies = ~constant_columns(X[within_one])
         centred = X[within_one] - X[within_one].mean(axis=0)
         inputs[np.ix_(within_one, varies)] = centred[:, varies]
         errors[within_one] = error[within_one] - error[within_one].mean(axis=0)
     residual = error - get_estimator("linear").fit(inputs, errors).predict(X)
-    zeros = np.array([residual[rows == n].mean(axis=0) for n in range(len(parts))])
-    return np.asarray(zeros - zeros.mean(axis=0))
+    zeros = np.zeros((len(parts), error.shape[1]))
+    zeros[sizes > 0] = [residual[rows == n].mean(axis=0) for n in np.flatnonzero(sizes)]
+    return np.asarray(zeros - zeros[sizes > 0].mean(axis=0))

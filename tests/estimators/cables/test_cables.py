@@ -49,7 +49,34 @@ def test_a_half_width_never_vanishes_though_loads_explain_all_errors():
         runs.append((rows, own.Run(np.zeros((1000, 6)), truth, load, dt)))
         found.append((1e-3 * size * wave, deviation, 1.01 * load, deviation, states))
     whole = own.Estimate(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
-    assert (own.structure(runs, whole) > 1e-6).all()
+    angle, by_load, of_load, load_by_load = structure = own.structure(runs, whole)
+    assert (structure[::2] > 1e-6).all()  # of the filter's own deviations, without any load
+    for rows, run in runs:
+        loads = np.abs(whole.load[rows]).sum(axis=1, keepdims=True)
+        stated = angle * whole.angle_deviation[rows] ** 2 + by_load * loads
+        assert (stated.mean(axis=0) > 0.5 * np.mean(whole.angle[rows] ** 2, axis=0)).all()
+        stated = of_load * whole.load_deviation[rows] ** 2 + load_by_load * loads
+        off = whole.load[rows] - run.load
+        assert (stated.mean(axis=0) > 0.5 * np.mean(off**2, axis=0)).all()
+
+
+def test_errors_are_stated_as_large_as_they_are_and_twice_the_square_under_loads():
+    truth, dt, states = np.zeros((1000, 3)), np.full(1000, 5e-3), np.zeros((1000, r.STATES))
+    sign = np.where(np.arange(1000) % 2, 1.0, -1.0)[:, None] * np.ones(3)
+    runs, found, wanted = [], [], []
+    for n, (size, load) in enumerate(((1e-3, 0.0), (2e-3, 0.03))):
+        runs.append(
+            (slice(1000 * n, 1000 * n + 1000), own.Run(np.zeros((1000, 6)), truth, load * sign, dt))
+        )
+        deviation = np.full((1000, 3), 5e-4)
+        found.append((size * sign, deviation, (load + size) * sign, deviation, states))
+        wanted.append((2.0 if load else 1.0) * size**2)
+    whole = own.Estimate(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    structure = own.structure(runs, whole)
+    for (rows, _), square in zip(runs, wanted, strict=True):
+        loads = np.abs(whole.load[rows]).sum(axis=1).mean()
+        for factor, by_load in (structure[:2], structure[2:]):
+            np.testing.assert_allclose(factor * 25e-8 + by_load * loads, square, rtol=1e-3)
 
 
 def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():

@@ -33,9 +33,9 @@ _SETTLED: Final = 2.0  # [s] after which friction has forgotten how it began
 _FLOOR: Final = 0.1  # of the filter's own variance that is always stated, in what a run asks for
 _DRIFT: Final = (0.1, 0.05, 0.1)  # of friction of loops, motors, pins, in its size per root second
 NO_LOAD: Final = 1e-4  # [Nm] below which there is none, or one that does not change
-_OTHER_MOTION: Final = 1.6
+_OTHER_MOTION: Final = 2.0
 """By how much larger squared errors under loads are in another class of motion than in that which
-was fitted to: of six virtual instruments that no figure in the documentation is of."""
+was fitted to: of nine virtual instruments that no figure in the documentation is of."""
 _ROUNDS: Final = 25  # of the search, at most
 WRIST_PLAYS: Final = Plays(
     plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25), time_constants=(0.02, 0.1)
@@ -232,9 +232,10 @@ def _is_loaded(load: Array) -> bool:
 def structure(runs: Sequence[tuple[slice, Run]], states: Estimate) -> Array:
     """By what variances of angles and of loads are multiplied, what is added to them (4, 3).
 
-    The latter per square of the loads that are seen. The errors in each of the runs, with its rows
-    in `states`, are then as large as is stated, free and, with a margin for other motions, loaded;
-    the deviations in `states` are those of the filter alone.
+    The latter in proportion to the loads that are seen: a small load makes pins slip already, and
+    the mean square error of a large one is hardly larger. The errors in each of the runs, with its
+    rows in `states`, are then as large as is stated, free and, with a margin for other motions,
+    loaded; the deviations in `states` are those of the filter alone.
     """
     shown, stated, loads = [], [], []
     estimates = np.hstack([states.angle, states.load])
@@ -249,7 +250,7 @@ def structure(runs: Sequence[tuple[slice, Run]], states: Estimate) -> Array:
         squares = np.maximum(squares - white, 0.1 * squares)
         shown.append(squares * (_OTHER_MOTION if _is_loaded(run.load) else 1.0))
         stated.append(np.mean(np.square(deviations[rows][with_truth]), axis=0))
-        loads.append(np.mean(np.abs(states.load[rows][with_truth]).sum(axis=1) ** 2))
+        loads.append(np.mean(np.abs(states.load[rows][with_truth]).sum(axis=1)))
     out = np.empty((2, 2 * r.N))
     pairs = zip(np.transpose(shown), np.transpose(stated), strict=True)
     for k, (wanted, variance) in enumerate(pairs):

@@ -159,7 +159,7 @@ def tell(
     """Tell joints and loads.
 
     `structure` is by what variances of angles and loads are multiplied, and what is added to them
-    per square of the loads that are seen.
+    in proportion to the loads that are seen.
     """
     m = unpack(numbers, memory)
     f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
@@ -169,14 +169,14 @@ def tell(
     for k in range(N):
         loads += abs(f.x[LOAD + k])
     for j in range(unrolled(N)):
-        by_load = loads * loads * m.structure[1, j]
+        by_load = loads * m.structure[1, j]
         if m.deviations > 0.0:
             variance = at.quadratic(m.by_state[j], f.covariance, STATES) * m.structure[0, j]
             half_width[j] = m.deviations * sqrt(variance + by_load)
         variance = max(f.covariance[LOAD + j, LOAD + j], 0.0) * m.structure[2, j]
         load = vector(memory, numbers[GRIP + j], 2)
         load[0] = f.x[LOAD + j]
-        load[1] = m.beside_deviations * sqrt(variance + loads * loads * m.structure[3, j])
+        load[1] = m.beside_deviations * sqrt(variance + loads * m.structure[3, j])
 
 
 def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:

@@ -134,7 +134,8 @@ def unlikelihood(
         covariance += math.exp(theta[k + 2]) * together
     factor = scipy.linalg.cholesky(covariance, lower=True)
     solved = scipy.linalg.cho_solve((factor, True), y)
-    inverse = scipy.linalg.cho_solve((factor, True), np.eye(len(y)))
+    lower = np.tril(scipy.linalg.lapack.dpotri(factor, lower=1)[0])
+    inverse = lower + np.tril(lower, -1).T
     value = 0.5 * (y @ solved + len(y) * math.log(2.0 * math.pi)) + np.log(np.diag(factor)).sum()
     slope = 0.5 * (inverse - np.outer(solved, solved))  # of the value, by the covariance
     by_bell = slope * bells

@@ -210,7 +210,7 @@ class Stack(JointRegressor):
         self.members_: list[JointRegressor] = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
         for number, place in enumerate(used):
-            outputs, member = np.flatnonzero(weights[place]), unfitted[place]
+            outputs, member = np.flatnonzero(weights[place]), clone(unfitted[place])
             if self.random_state is not None:
                 seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
                 member.set_params(**dict.fromkeys(seeds, self.random_state))
@@ -273,9 +273,7 @@ def _limits(
 
 def _regressor(member: Regressor | str) -> JointRegressor:
     """Unfitted estimator of one or its name; raises CalibrationError if it is none."""
-    named = registry.member(member) if isinstance(member, str) else member
-    model: JointRegressor = clone(joint_regressor(named))
-    return model
+    return joint_regressor(registry.member(member) if isinstance(member, str) else member)
 
 
 def _tuples(places: Sequence[Places] | None) -> Any:
