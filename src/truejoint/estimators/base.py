@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
-from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
+import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
@@ -33,7 +32,7 @@ Flags = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 _REGULAR: Final = 5e-3  # [s], 200 Hz
-_LEARNT: Final = ContextVar[dict[bytes, dict[str, Any]] | None]("_LEARNT", default=None)
+_LEARNT: Final = ContextVar[dict[str, dict[str, Any]] | None]("_LEARNT", default=None)
 
 
 @contextmanager
@@ -129,11 +128,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
                 f"{self.name}: loads have shape {self._loads.shape}; give {(n, len(names))}: "
                 f"{', '.join(names) or 'it takes none'}"
             )
-        steps, learnt, key = self.time_steps(dt, n), _LEARNT.get(), b""
+        steps, learnt, key = self.time_steps(dt, n), _LEARNT.get(), ""
         if learnt is not None:
             asked = type(self), self.get_params(deep=False), self.single_output_
             with suppress(Exception):  # a regressor of others that cannot be written
-                key = blake2b(pickle.dumps((asked, inputs, targets, steps, self._loads))).digest()
+                key = joblib.hash((asked, inputs, targets, steps, self._loads))
         if learnt is not None and key in learnt:
             self.__dict__.update(learnt[key])
         else:
