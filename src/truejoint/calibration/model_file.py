@@ -4,6 +4,8 @@ Nothing in a file is ever run. Size, header, shapes and the hash are checked bef
 used.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import re

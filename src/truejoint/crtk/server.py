@@ -1,5 +1,7 @@
 """An arm's CRTK interface on ROS topics, so that any client can be tried against it."""
 
+from __future__ import annotations
+
 import logging
 import math
 import re

@@ -1,5 +1,7 @@
 """Trajectory files: CSV with provenance, and the laboratory's three bare columns."""
 
+from __future__ import annotations
+
 import json
 import os
 import warnings

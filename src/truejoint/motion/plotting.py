@@ -1,5 +1,7 @@
 """A trajectory in three dimensions, in degrees and millimetres."""
 
+from __future__ import annotations
+
 import os
 from functools import partial
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Parameter files: commented TOML in, checked frozen sections out."""
 
+from __future__ import annotations
+
 import math
 import os
 import tomllib

@@ -1,5 +1,7 @@
 """The simulated back end at the pace of the wall clock, as a robot's control computer runs."""
 
+from __future__ import annotations
+
 import threading
 import time
 from collections import deque

@@ -1,5 +1,7 @@
 """Sums of decision trees: single ones, forests, and boosted trees."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Final
 

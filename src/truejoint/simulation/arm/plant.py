@@ -1,5 +1,7 @@
 """Constants of the equations of an arm, from its parameters and from what its hardware is."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

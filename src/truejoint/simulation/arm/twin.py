@@ -1,5 +1,7 @@
 """`ArmTwin`: a virtual arm on cables, without the homing of one robot."""
 
+from __future__ import annotations
+
 import math
 from typing import Any, ClassVar, Final
 

@@ -1,5 +1,7 @@
 """The RAVEN-II arm as its twin takes it: its software's numbers, and how the real arm differs."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from truejoint.robots import Robot

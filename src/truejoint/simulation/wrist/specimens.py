@@ -1,5 +1,7 @@
 """Populations of wristed instruments, to judge methods on many of them."""
 
+from __future__ import annotations
+
 from typing import Final
 
 import numpy as np
