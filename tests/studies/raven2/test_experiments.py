@@ -130,7 +130,7 @@ def test_six_hours_are_judged_hour_by_hour(drawn, tmp_path):
     result = run_study("endurance", ONE | {"sets": "1", "hours": 2}, folder=tmp_path)
     assert result.rows.groupby("work").hour.nunique().tolist() == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
-    assert texts == [claim.stated.text for claim in lasting.ENDURANCE_CLAIMS.values()]
+    assert texts == [claim.text for claim in lasting.ENDURANCE_CLAIMS.values()]
     assert drawn(result)
     targets = run_study("targets", ONE | {"sets": "1", "hours": 2}, folder=tmp_path)
     assert targets.computed == 0, "the same hours"
