@@ -34,6 +34,9 @@ def compute(n, seed, scale):
             raise KeyboardInterrupt
         if trouble == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
+        if trouble == "orphan":
+            os.kill(os.getppid(), signal.SIGKILL)
+            signal.pause()
         if trouble == "die-once" and not os.path.exists(os.environ["TOY_LOG"] + ".died"):
             open(os.environ["TOY_LOG"] + ".died", "w").close()
             os._exit(1)

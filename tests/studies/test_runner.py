@@ -78,16 +78,30 @@ def test_an_interrupt_loses_the_part_in_hand_alone(toy, tmp_path):
     assert result.to_dict() == run_study(toy.study).to_dict()
 
 
+PROGRAM = """
+import sys; sys.path.insert(0, sys.argv[1])
+from truejoint.studies import Option, Study, run_study
+options = (Option('count', 4, ''), Option('scale', 1.0, ''))
+study = Study('toy', '', '', 'toy_study', options)
+run_study(study, folder=sys.argv[2], jobs=int(sys.argv[3]))
+"""
+
+
+def in_a_process(folder, jobs):
+    arguments = [sys.executable, "-c", PROGRAM, str(folder / "module"), str(folder), str(jobs)]
+    # Whoever holds its output is waited for, so its workers too.
+    run = subprocess.run(arguments, check=False, stdout=subprocess.PIPE, timeout=100)  # noqa: S603
+    return run.returncode
+
+
+def test_workers_whose_parent_is_killed_end_too(toy, tmp_path):
+    toy.trouble("orphan@1")
+    assert in_a_process(tmp_path, 2) == -9
+
+
 def test_a_process_that_is_killed_loses_the_part_in_hand_alone(toy, tmp_path):
     toy.trouble("kill@2")
-    program = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from truejoint.studies import Option, Study, run_study\n"
-        "options = (Option('count', 4, ''), Option('scale', 1.0, ''))\n"
-        "run_study(Study('toy', '', '', 'toy_study', options), folder=sys.argv[2])\n"
-    )
-    arguments = [sys.executable, "-c", program, str(tmp_path / "module"), str(tmp_path)]
-    assert subprocess.run(arguments, check=False).returncode == -9  # noqa: S603
+    assert in_a_process(tmp_path, 1) == -9
     assert toy.computed == [0, 1]
     toy.trouble("")
     run_study(toy.study, folder=tmp_path)

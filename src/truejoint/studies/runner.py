@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import logging
+import os
 import platform
 import signal
 import sys
@@ -20,9 +21,10 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -197,16 +199,25 @@ def _computed(
 
 
 def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[tuple[Part, Outcome]]:
-    # A worker that Ctrl-C reaches ends without a word: the parent says what is to be said.
-    with ProcessPoolExecutor(
-        min(jobs, len(parts)), get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)
-    ) as pool:
+    with ProcessPoolExecutor(min(jobs, len(parts)), get_context("spawn"), _begin_worker) as pool:
         futures = {pool.submit(compute, part): part for part in parts}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
         finally:  # after Ctrl-C, what has not begun shall not
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin_worker() -> None:
+    """End without a word where Ctrl-C comes, which the parent says, or the parent was killed."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def follow() -> None:
+        if parent := parent_process():
+            parent.join()
+            os._exit(1)
+
+    Thread(target=follow, daemon=True).start()
 
 
 def compute(part: Part) -> Outcome:
