@@ -63,7 +63,8 @@ def _number(cell: str | None) -> float:
 
 
 def _of_text(data: bytes) -> pd.DataFrame:
-    text = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode("utf-8-sig", "replace")
+    plain = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
+    text = plain.decode("utf-8-sig", "replace")
     lines = [line.partition("#")[0].split(",") for line in text.splitlines()]
     lines = [[cell.strip().strip('"') for cell in line] for line in lines if line != [""]]
     return pd.DataFrame(lines[1:], columns=lines[0]).map(_number)
