@@ -16,6 +16,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,24 +43,34 @@ COMMANDS = {
 }
 """Commands that write, without --force."""
 MOMENTS = ("SIGKILL", "SIGINT", "SIGTERM", "full disk", "two writers")
+PACKAGE = Path(truejoint.__file__).parent
 LIMIT = 120.0  # [s] for a command to end
 
 
 def child(words: list[str], folder: Path, most_bytes: int = 0) -> int:
     """Run a command in a process of its own, whose files may hold so many bytes; its number."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     number = os.fork()
     if number:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return number
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    os.chdir(folder)
-    if most_bytes:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes,) * 2)
     code = 99
     try:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        os.chdir(folder)
+        if most_bytes:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes,) * 2)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         code, said = run(*words)
         if code not in {0, 1, 2, 130} or "Traceback" in said:
             sys.stderr.write(f"{words} {code} {said[-500:]}\n")
             code = 99
+    except KeyboardInterrupt as error:  # 130 before the command has begun, or once it has ended
+        places = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
+        if any(str(PACKAGE) in place for place in places):
+            traceback.print_exc()
+        else:
+            code = 130
     finally:
         os._exit(code)
 
