@@ -12,7 +12,7 @@ from tests.crtk.instant_twin import InstantTwin
 from tests.local_ros import LocalRos
 
 import truejoint
-from truejoint.cli import driven_arm, teleop
+from truejoint.cli import driven_arm, monitor
 from truejoint.crtk import Arm, PacedBackend, protocol
 from truejoint.crtk.backends import ros as backends
 from truejoint.crtk.server import ArmServer
@@ -134,7 +134,7 @@ def test_the_monitor_shows_it_and_leaves_it(call, arm, model, monkeypatch):
             assert arm.operating_state().state == state
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(teleop, "_wait", look)
+    monkeypatch.setattr(monitor, "_wait", look)
     said = call.good(f"monitor {OVER} --truth {TRUTH} --model {model} --port 0")
     assert "Open http" in said.out
     assert "Homing" not in said.err

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from truejoint.cli import teleop as monitor
+from truejoint.cli import monitor
 from truejoint.motion import Trajectory, write_trajectory
 
 

@@ -1,4 +1,4 @@
-"""`truejoint trajectory` and `collect`: make trajectories, drive an arm along them, record it."""
+"""`truejoint collect`: drive an arm along trajectories and record it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
 from truejoint.cli import options
@@ -14,8 +14,7 @@ from truejoint.cli.console import command_line, out, progress, say
 from truejoint.cli.driven_arm import RealArm, home
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import read_trajectory, say_dropped
-from truejoint.cli.show import tell_trajectory
-from truejoint.errors import CommandRefused, RecordingError, TrajectoryError, unknown
+from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 
@@ -195,74 +194,3 @@ def _to_record(
         pairs.append((read_trajectory(path), target))
         check_target(target, overwrite=force, makes_folder=True)
     return pairs
-
-
-def parse_sparsity(text: str) -> float:
-    """Read ``"1/4"`` or ``"0.25"``; raises TrajectoryError when it is neither."""
-    above, slash, below = text.partition("/")
-    try:
-        sparsity = float(above) / (float(below) if slash else 1.0)
-    except (ValueError, ZeroDivisionError):
-        sparsity = math.nan
-    if not math.isfinite(sparsity):
-        raise TrajectoryError(f"sparsity {text!r:.60} is not a number; write it as 1/4 or 0.25")
-    return sparsity
-
-
-# Options of each kind; what is not stated is as the motion has it.
-KINDS: Final = {
-    "zigzag": ("direction", "sparsity", "published"),
-    "random": ("duration_s", "seed"),
-    "designed": ("duration_s", "seed"),
-    "nested": ("duration_s",),
-}
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What a trajectory is like, an option each."""
-
-    direction: str | None = None
-    sparsity: str | None = None
-    published: bool | None = None
-    duration_s: float | None = None
-    seed: int | None = None
-
-    def make(self, kind: str, robot: truejoint.robots.Robot) -> truejoint.motion.Trajectory:
-        """Make a trajectory; raises TrajectoryError for an option that is not of its kind."""
-        how = {name: value for name, value in vars(self).items() if value is not None}
-        for name in how:
-            if name not in KINDS[kind]:
-                takes = ", ".join(f"--{option}" for option in KINDS[kind]).replace("_", "-")
-                raise TrajectoryError(
-                    f"--{name.replace('_', '-')}: a {kind} motion takes {takes}; leave it out"
-                )
-        if self.sparsity is not None:
-            how["sparsity"] = parse_sparsity(self.sparsity)
-        if self.duration_s is not None:
-            how["duration"] = how.pop("duration_s")
-        maker: Any = getattr(truejoint.motion, kind if kind == "zigzag" else f"{kind}_motion")
-        return cast("truejoint.motion.Trajectory", maker(robot, **how))
-
-
-def trajectory(
-    kind: str,
-    output: Path,
-    shape: Shape,
-    robot: str = "",
-    plot: Path | None = None,
-    force: bool = False,
-) -> Result:
-    """Make a trajectory for an arm to follow; `truejoint show` describes one."""
-    if kind not in KINDS:
-        raise TrajectoryError(unknown("kind of trajectory", kind, KINDS))
-    arm = options.get_robot(robot or ("forceps" if kind == "nested" else DEFAULT))
-    made = shape.make(kind, arm)
-    for path in filter(None, (output, plot)):
-        check_target(path, overwrite=force)
-    truejoint.motion.write_trajectory(made, output, overwrite=force)
-    say(f"wrote {output}")
-    if plot is not None:
-        truejoint.motion.plot_trajectory(made, plot, overwrite=force)
-        say(f"wrote {plot}")
-    return tell_trajectory(made, arm)
