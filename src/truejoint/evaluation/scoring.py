@@ -1,4 +1,6 @@
-"""The frame of errors of every model on the test, their scores, worst windows and domain.
+"""The frame of errors of every model on the test, and scores of it.
+
+These are worst windows, the domain, the stated interval, and conditions beyond the training.
 
 An error is the estimated position minus the true one, in the joint's SI unit (rad or m).
 """

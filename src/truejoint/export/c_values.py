@@ -1,4 +1,4 @@
-"""Values and statements of a C function that is being printed; operators and functions."""
+"""Values, statements and structs of C that is being printed; operators and functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an unscented filter keeps in its memory, and how it calls its model.
+"""What an unscented filter keeps in its memory, its statuses, and how it calls its model.
 
 A model's functions are called through their addresses, so that one compiled filter, cached on disk,
 serves every model. So is its step, which would be compiled anew into everything that takes one.
