@@ -451,7 +451,7 @@ def like() -> Any:
     table = stored("like")
     figure, axes = panels(height=2.8)
     axis, x = axes[0, 0], np.arange(len(table))
-    columns = ("20 s alone", "20 s like four", "its own full calibration")
+    columns = ("20 s alone", "20 s like four", "all of its own")
     for k, (column, colour) in enumerate(zip(columns, (MEASURED, CORRECTED, OTHER), strict=True)):
         axis.bar(x + 0.27 * (k - 1), table[column].astype(float), 0.25, color=colour, label=column)
     axis.set(xticks=x, xticklabels=[name.strip("`") for name in table.index], ylabel="RMSE [deg]")

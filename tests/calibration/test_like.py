@@ -76,19 +76,23 @@ def test_weights_are_those_of_the_posterior_and_sum_to_one():
     y = X @ [1.05, 0.2] + 0.7 + 0.05 * random.normal(size=400)
     lines = [Polynomial(1, ridge=False).fit(X, X @ slope) for slope in slopes]
     experts = [Expert(line.data, (0, 1), np.zeros((2, 1))) for line in lines]
-    fitted = Pooled(experts).fit(X, y, dt=dt)
-    weights = fitted.arrays_["weights"][:3]
+    fitted = Pooled(experts, positions=(0,)).fit(X, y, dt=dt)
+    weights, slope = fitted.arrays_["weights"][:3], fitted.arrays_["direct"][6, 0]
     assert weights.sum() == pytest.approx(1.0)
     predicted = X @ slopes.T
     spread = predicted - predicted.mean(axis=1, keepdims=True)
     spread -= spread.mean(axis=0)
     rest = y - predicted.mean(axis=1)
     rest -= rest.mean()
-    noise = np.sqrt(np.mean((rest - spread @ (weights - 1 / 3)) ** 2))
-    scale = np.sqrt(dt.sum() / 0.5 / 400) / noise  # the prior as three rows more
-    rows = np.vstack([scale * spread, np.sqrt(3.0) * np.eye(3)])
-    change = np.linalg.lstsq(rows, np.append(scale * rest, np.zeros(3)))[0]
-    assert weights == pytest.approx(1 / 3 + change - change.mean(), rel=1e-4)
+    moved = X[:, 0] - X[:, 0].mean()
+    deviation = np.linalg.norm(np.linalg.lstsq(moved[:, None], spread)[0]) / np.sqrt(3.0 * 2.0)
+    terms = np.column_stack([spread, moved])
+    noise = np.sqrt(np.mean((rest - terms @ np.append(weights - 1 / 3, slope)) ** 2))
+    scale = np.sqrt(dt.sum() / 0.5 / 400) / noise  # the prior as four rows more
+    rows = np.vstack([scale * terms, np.diag([*np.sqrt([3.0] * 3), 1.0 / deviation])])
+    change = np.linalg.lstsq(rows, np.append(scale * rest, np.zeros(4)))[0]
+    assert weights == pytest.approx(1 / 3 + change[:3] - change[:3].mean(), rel=1e-4)
+    assert slope == pytest.approx(change[3], rel=1e-3)
     assert fitted.predict(X).mean() == pytest.approx(y.mean())
 
 

@@ -38,10 +38,10 @@ def calibrate_like(
 ) -> Calibration:
     """Fit a calibration to few seconds of an instrument, by `models` of others of its kind.
 
-    It is the weighted mean of the models and an offset (`Pooled`), which 20 s of truth tell. The
-    models are left aside where they leave more of the new truth than a fixed offset does. An own
-    fit of `estimator` is judged beside it on each of two or more recordings in turn, and the better
-    one is taken. The metadata say so under ``like``.
+    It is the weighted mean of the models, a slope and an offset (`Pooled`), which 20 s of truth
+    tell. The models are left aside where they leave more of the new truth than a fixed offset does.
+    An own fit of `estimator` is judged beside it on each of two or more recordings in turn, and the
+    better one is taken. The metadata say so under ``like``.
 
     Parameters
     ----------
@@ -84,9 +84,10 @@ def calibrate_like(
     measured = [f"measured/{joint}" for joint in joints]
     names = dict.fromkeys([*(n for prior in priors for n in prior.feature_set.names), *measured])
     experts = [_expert(prior, list(names), measured) for prior in priors]
+    places = tuple(map(list(names).index, measured))
     common = {name: how[name] for name in ("fit_rate", "redundant") if name in how}
     pooled = calibrate(
-        recordings, Pooled(experts), features=names, joints=joints, target="error",
+        recordings, Pooled(experts, places), features=names, joints=joints, target="error",
         progress=within(report, 0.0, _SHARE), **common,
     )  # fmt: skip
     weights = pooled.fitted.arrays["weights"][: len(experts) * len(joints)].reshape(-1, len(joints))

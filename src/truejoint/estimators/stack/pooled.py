@@ -35,24 +35,27 @@ class Expert:
 
 @dataclass(eq=False, repr=False)
 class Pooled(JointRegressor):
-    """Weighted mean of fitted `experts`, and an offset: what few seconds of truth can tell.
+    """Weighted mean of fitted `experts`, a slope and an offset: what few seconds of truth can tell.
 
     A mean of experts whose weights are normal about equal ones, with a deviation that is as large
-    for all of them together (empirical Bayes with the experts as samples of the prior); the offset
-    is free. Errors of rows within half a second count as one. At most nine experts.
+    for all of them together (empirical Bayes with the experts as samples of the prior). The slope
+    over the feature of each output in `positions` is normal about that mean's, with the standard
+    error that the mean of the experts' slopes has; the offset is free. Errors of rows within half a
+    second count as one. At most nine experts.
 
     Examples
     --------
     >>> X = np.linspace(-1.0, 1.0, 200)[:, None]
     >>> models = [get_estimator("linear").fit(X, slope * X) for slope in (0.9, 1.1)]
     >>> experts = [Expert(model.data, (0,), np.zeros((1, 1))) for model in models]
-    >>> Pooled(experts).fit(X, X[:, 0] + 3.0).predict([[0.5]]).round(2)
+    >>> Pooled(experts, positions=(0,)).fit(X, X[:, 0] + 3.0).predict([[0.5]]).round(2)
     array([3.5])
     """
 
     fitted_params: ClassVar[Params] = {"members": (), "columns": ()}
-    training: ClassVar[Mapping[str, Rule]] = {"experts": ANYTHING}
+    training: ClassVar[Mapping[str, Rule]] = {"experts": ANYTHING, "positions": ANYTHING}
     experts: Sequence[Expert] = ()
+    positions: Sequence[int] = ()
 
     def __repr__(self) -> str:
         return f"Pooled({len(self.experts)} experts)"
@@ -82,39 +85,54 @@ class Pooled(JointRegressor):
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         labelled = self._known(y)
         predicted = np.stack([expert.predict(X, dt) for expert in self.experts], axis=2)
-        pairs = zip(predicted[labelled].transpose(1, 0, 2), y[labelled].T, strict=True)
+        outputs = zip(
+            predicted[labelled].transpose(1, 0, 2),
+            X[labelled][:, self.positions].T,
+            y[labelled].T,
+            strict=True,
+        )
         count = max(dt.sum() / _ALIKE, 1.0)
-        weights = np.array([_weights(p, target, count) for p, target in pairs])
-        rest = y - np.einsum("njk,jk->nj", predicted, weights)
+        weights, slopes = map(np.array, zip(*(_weights(*o, count) for o in outputs), strict=True))
+        rest = y - np.einsum("njk,jk->nj", predicted, weights) - slopes * X[:, self.positions]
         offset = Polynomial(0, ridge=False).fit(X[labelled], rest[labelled])
         members = [*(expert.data.arrays for expert in self.experts), offset.arrays_]
         n_columns = sum(map(len, self.model_params()["columns"]))
         n_features, n_outputs = X.shape[1], y.shape[1]
+        scale = np.zeros((n_features, n_outputs))
+        scale[self.positions, range(n_outputs)] = slopes
         progress(1.0)
         return {
             "weights": np.append(weights.T.ravel(), np.ones(n_outputs)),
             "lower": np.full(n_columns, -LARGEST),
             "upper": np.full(n_columns, LARGEST),
             "slope": np.zeros((n_columns, n_outputs)),
-            "direct": np.concatenate(
-                [*(expert.direct for expert in self.experts), np.zeros((n_features, n_outputs))]
-            ),
+            "direct": np.concatenate([*(expert.direct for expert in self.experts), scale]),
             **{f"{i}/{name}": a for i, each in enumerate(members) for name, a in each.items()},
         }
 
 
-def _weights(predicted: Array, target: Array, count: float) -> Array:
-    """Weights (k,) of predictions (n, k), whose sum is 1, of `count` independent errors."""
+def _weights(
+    predicted: Array, positions: Array, target: Array, count: float
+) -> tuple[Array, float]:
+    """Weights (k,) of predictions (n, k), whose sum is 1, and the slope over positions (n,).
+
+    There are `count` independent errors.
+    """
     k = predicted.shape[1]
     mean = predicted.mean(axis=1)
     spread = predicted - mean[:, None]
     spread, rest = spread - spread.mean(axis=0), target - mean
-    rest = rest - rest.mean()
-    change, variance = np.zeros(k), rest.var()
+    rest, moved = rest - rest.mean(), positions - positions.mean()
+    slopes = moved @ spread / max(moved @ moved, np.finfo(float).tiny)
+    deviation = np.sqrt(slopes @ slopes / max(k * (k - 1), 1))
+    terms = np.column_stack([spread, deviation * moved])
+    prior = np.append(np.full(k, float(k)), 1.0)
+    change, variance = np.zeros(k + 1), rest.var()
     for _ in range(_ROUNDS):
         if variance > 0.0:
             share = count / (len(rest) * variance)
-            precision = share * spread.T @ spread + k * np.eye(k)
-            change = np.linalg.solve(precision, share * spread.T @ rest)
-            variance = np.mean((rest - spread @ change) ** 2)
-    return np.asarray(1.0 / k + change - change.mean())
+            precision = share * terms.T @ terms + np.diag(prior)
+            change = np.linalg.solve(precision, share * terms.T @ rest)
+            variance = np.mean((rest - terms @ change) ** 2)
+    weights = 1.0 / k + change[:k] - change[:k].mean()
+    return np.asarray(weights), float(deviation * change[k])
