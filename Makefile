@@ -6,7 +6,7 @@ DEMO := demo
 FUZZ_MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint results site bench fuzz wheel sbom audit lock clean
+.PHONY: help demo test lint pictures results site bench fuzz wheel sbom audit lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -37,6 +37,11 @@ fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): comma
 
 results: $(VENV)/.installed ## Write the page of results anew, with what studies/ and bench/ hold
 	$(BIN)/python docs/results.py $(wildcard studies/*/*.json) $(wildcard bench/*.md)
+
+pictures: demo $(VENV)/.installed-dev ## Draw the pictures of README and manual anew (Chromium, minutes)
+	$(ONE_THREAD) $(BIN)/python docs/pictures/overview.py
+	$(ONE_THREAD) $(BIN)/python docs/pictures/manual.py
+	$(ONE_THREAD) $(BIN)/python docs/pictures/screens.py
 
 VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 site: $(VENV)/.installed-site ## Build the manual, the gallery and the API into site/VERSION/, offline
