@@ -148,7 +148,12 @@ def test_a_control_engineer_with_the_c(run: Callable[[str], str]) -> None:
     first, loop = blocks(page, "sh")[:2]
     for command in lines(first):
         said = run(command)
-    assert said == blocks(page)[0]
+    # How many are corrected hangs on the twin's friction, and so on last bits of the processor.
+    counted = r"(?<= samples, )\d+"
+    assert re.sub(counted, "", said) == re.sub(counted, "", blocks(page)[0])
+    corrected = re.search(counted, said)
+    assert corrected
+    assert 2 * int(corrected[0]) >= int(said.split()[0])
     (main,) = blocks(page, "c")
     assert main.count("\n") <= 24
     Path("main.c").write_text(main, "utf-8")
