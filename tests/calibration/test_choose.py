@@ -17,6 +17,7 @@ from truejoint.calibration import Automatic, calibrate, read_calibration, write_
 from truejoint.calibration.choose import (
     Candidate,
     CrossValidation,
+    at_most,
     decoupled,
     relative_error,
     share_of,
@@ -121,6 +122,17 @@ def test_weights_are_convex_and_no_member_alone_is_better(errors):
 def test_what_was_not_tried_everywhere_is_no_member():
     products = np.diag([4.0, 1.0, np.nan])
     np.testing.assert_allclose(stacking_weights(products), [0.2, 0.8, 0.0])
+
+
+@given(arrays(float, (14, 6), elements=st.floats(0.0, 1.0)), st.integers(6, 14))
+def test_a_model_has_no_more_members_than_a_mean_takes_and_each_joint_its_first(shares, count):
+    weights = (shares + 1e-3) / (shares + 1e-3).sum(axis=0)
+    kept = at_most(count, weights)
+    assert np.count_nonzero(kept.any(axis=1)) == count
+    np.testing.assert_allclose(kept.sum(axis=0), 1.0)
+    assert np.all(kept[weights.argmax(axis=0), range(6)] > 0.0)
+    few = np.where(np.arange(14)[:, None] < 6, weights, 0.0)
+    assert at_most(count, few) is few
 
 
 def test_a_part_that_is_easy_for_all_weighs_no_more_than_another():

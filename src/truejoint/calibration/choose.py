@@ -41,6 +41,7 @@ from truejoint.estimators.family import TARGETS, Target, evaluate
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.estimators.registry import BESIDE_FILTER, FILTER_WITH_TREES, LINEAR, OFFSET, RAW
 from truejoint.estimators.stack.learn import Stack
+from truejoint.estimators.stack.run import MAX_MEMBERS
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import (
     FeatureSet,
@@ -270,7 +271,7 @@ class CrossValidation:
             if best < len(numbers):
                 weights[:, joint], errors[:, joint] = 0.0, squares[:, best]
                 weights[numbers[best], joint] = 1.0
-        return weights, errors
+        return at_most(MAX_MEMBERS, weights), errors
 
     def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
@@ -459,6 +460,20 @@ def stacking_weights(products: Array, belief: Array | None = None) -> Array:
             weights[members] = shares
             return weights
         members = members[large]
+
+
+def at_most(count: int, weights: Array) -> Array:
+    """Weights (m, n_joints) of so many members: those that a joint needs most share the others'.
+
+    >>> at_most(2, np.array([[0.5, 0.0], [0.4, 0.9], [0.1, 0.1]])).round(2).tolist()
+    [[0.56, 0.0], [0.44, 1.0], [0.0, 0.0]]
+    """
+    need = weights.max(axis=1)
+    if np.count_nonzero(need) <= count:
+        return weights
+    need[weights.argmax(axis=0)] += 1.0  # each joint keeps its first
+    kept = np.where(np.isin(range(len(need)), np.argsort(-need)[:count])[:, None], weights, 0.0)
+    return np.asarray(kept / kept.sum(axis=0))
 
 
 def mean_and_error(values: Array) -> tuple[float, float]:
