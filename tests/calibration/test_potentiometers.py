@@ -96,5 +96,5 @@ def test_what_tells_no_zero_is_one_line(build, model):
     with pytest.raises(CalibrationError, match="keeps no reference of potentiometers"):
         potentiometer_zero(calibrate(run, "linear", features=FEATURES), with_pots(run))
     today = with_pots(run, (0.01, 0.0, 0.0))
-    with pytest.raises(CalibrationError, match="was re-zeroed before"):
+    with pytest.raises(CalibrationError, match="it was re-zeroed before"):
         potentiometer_zero(model.at(potentiometer_zero(model, today)), today)

@@ -31,13 +31,7 @@ _DISAGREE: Final = 2.0  # deviations of a reading, by which stretches may differ
 class PotentiometerReference:
     """Mean of potentiometer less measured position in stretches of each joint's trained range.
 
-    Made by `calibrate` where every recording has the quantity ``pot``. A joint without one has 0
-    `rows`.
-
-    Examples
-    --------
-    >>> model.potentiometers is None  # the recordings have no ``pot/jaw``
-    True
+    A joint without one has 0 `rows`.
     """
 
     lower: Array  # (n_joints,), range of each measured position [rad or m]
@@ -98,7 +92,7 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
     Parameters
     ----------
     calibration : Calibration
-        One that keeps a reference (`PotentiometerReference`), as `calibrate` wrote it.
+        One whose training recordings all have ``pot/<joint>``, as `calibrate` wrote it.
     recording : Recording
         A slow motion with ``pot/<joint>``, through a quarter of each joint's trained range at
         least. A joint that moved less or lacks it keeps its zero; its deviation is NaN.
@@ -123,16 +117,11 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
             "calibrate anew from recordings with pot/<joint>"
         )
     if calibration.zero is not None:
-        raise CalibrationError(
-            "the calibration was re-zeroed before; give the one that calibrate wrote"
-        )
+        raise CalibrationError("it was re-zeroed before; give the model that calibrate wrote")
     calibration.check_recording(recording)
     joints = [calibration.joints[k] for k in np.flatnonzero(known.rows.any(axis=1))]
     joints = [joint for joint in joints if f"pot/{joint}" in recording.units] or joints
-    names = [f"pot/{joint}" for joint in joints]
-    check_columns(recording, names, "reference of the potentiometers needs")
-    units = [calibration.units[f"measured/{joint}"] for joint in joints]
-    check_units(recording, dict(zip(names, units, strict=True)), "the calibration was made with")
+    check_columns(recording, [f"pot/{j}" for j in joints], "reference of the potentiometers needs")
     offset, deviation = np.zeros(len(known.lower)), np.full(len(known.lower), math.nan)
     for joint in joints:
         k = calibration.joints.index(joint)
@@ -141,8 +130,8 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
             offset[k], deviation[k] = found
     if np.isnan(deviation).all():
         raise CalibrationError(
-            f"{source_of(recording)}: {', '.join(joints)} hardly moved; move each slowly, there "
-            "and back, through a quarter of its trained range at least"
+            f"{source_of(recording)}: {', '.join(joints)} hardly moved; move each through a "
+            "quarter of its trained range, slowly, there and back"
         )
     origin = recording.provenance
     return Zero(

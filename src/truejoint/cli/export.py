@@ -130,8 +130,6 @@ def _write_graph(
 
 
 _OF_ONE_OPTION: Final[Any] = {
-    "bag": ("profile", _export_bag),
-    "simulator": ("prefix", _export_error_model),
+    "bag": ("profile", _export_bag), "simulator": ("prefix", _export_error_model),
     "urdf": ("urdf", _export_urdf),
-}
-"""What else can be written: the one option that it takes, and what writes it."""
+}  # fmt: skip  # what else is written: the one option that it takes, and what writes it

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +18,6 @@ from truejoint.files import check_ending, write_atomically
 from truejoint.robots.urdf import KINDS, urdf_bytes
 
 _LEAST: Final = 0.05  # of the largest error in training, that an offset is at least
-_SCALE: Final = 1e-3  # of a joint's travel, from which on a scale is worth a word
 
 
 def export_urdf(
@@ -58,115 +56,83 @@ def export_urdf(
     """
     calibration, path = as_calibration(calibration), Path(path)
     check_ending(path, ".urdf", "a URDF", ExportError)
-    offsets, scales = _linear_part(calibration)
-    root = _parsed(Path(urdf))
-    for joint, offset in offsets.items():
-        _shift(root, joint, calibration.units[f"measured/{joint}"], offset, str(urdf))
+    offsets, left_out = _linear_part(calibration)
+    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))  # noqa: S314  # no entities
+    try:
+        root = ET.fromstring(urdf_bytes(Path(urdf), ExportError).decode(), parser)  # noqa: S314
+        for joint, offset in offsets.items():
+            _shift(root, joint, calibration.machine.joint(joint).kind, offset)
+    except (ET.ParseError, ValueError) as error:
+        raise ExportError(f"{urdf}: cannot be read as a URDF ({words(error, 120)})") from None
+    except LookupError as error:
+        raise ExportError(f"{urdf}: {error.args[0]}") from None
     text = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     write_atomically(
         path, lambda part: part.write_bytes(text), overwrite=overwrite, error=ExportError
     )
-    return offsets, _left_out(calibration, scales)
+    return offsets, left_out
 
 
-def _linear_part(calibration: Calibration) -> tuple[dict[str, float], dict[str, float]]:
-    """Give the fixed offset [rad or m] and the scale of each joint, by the baselines."""
-    joints, n = calibration.joints, len(calibration.joints)
-    middle = (calibration.lower + calibration.upper) / 2
+def _linear_part(calibration: Calibration) -> tuple[dict[str, float], str]:
+    """Give the fixed offset of each joint [rad or m], and what of the calibration it is not."""
+    joints, names = calibration.joints, calibration.feature_set.names
+    half = (calibration.upper - calibration.lower) / 2
+    middle = calibration.lower + half
 
     def baseline(name: str, X: Array) -> Array:
         model = calibration.baselines[name]
-        memory = model.family.memory(model.fitted, len(middle), n)
-        return evaluate(model.family, memory, X, np.zeros(len(X)), n) + model.output_shift
+        memory = model.family.memory(model.fitted, len(names), len(joints))
+        steps = np.zeros(len(X))
+        return evaluate(model.family, memory, X, steps, len(joints)) + model.output_shift
 
     offset, domain = baseline("offset", middle[None])[0], calibration.training_domain
-    if domain is not None:
-        largest = np.maximum(np.abs(domain.error_lower), np.abs(domain.error_upper))
-        if (np.abs(offset) < _LEAST * largest).all():
-            raise ExportError(
-                f"fixed offsets are below {100 * _LEAST:g} % of the errors in training of "
-                f"{', '.join(joints)}, and a URDF holds nothing else; correct by the model itself"
-            )
-    scales = {}
-    for k, joint in enumerate(joints):
-        names = calibration.feature_set.names
-        if "linear" in calibration.baselines and (own := f"measured/{joint}") in names:
-            column = names.index(own)
-            ends = np.tile(middle, (2, 1))
-            ends[:, column] = calibration.lower[column], calibration.upper[column]
-            scales[joint] = float(
-                np.diff(baseline("linear", ends)[:, k])[0] / np.ptp(ends[:, column])
-            )
-    return dict(zip(joints, offset.tolist(), strict=True)), scales
-
-
-def _parsed(path: Path) -> ET.Element:
-    """Root of a URDF with its comments; raises ExportError."""
-    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))  # noqa: S314  # no entities
-    try:
-        root = ET.fromstring(urdf_bytes(path, ExportError).decode(), parser)  # noqa: S314
-    except (ET.ParseError, UnicodeDecodeError) as error:
-        raise ExportError(f"{path}: cannot be read as a URDF ({words(error, 120)})") from None
-    if root.tag != "robot":
-        raise ExportError(f"{path}: begins with <{root.tag}>; a URDF begins with <robot>")
-    return root
-
-
-def _shift(root: ET.Element, joint: str, unit: str, offset: float, place: str) -> None:
-    """Add an offset [rad or m] to a joint, in its origin."""
-    elements = {str(each.get("name")): each for each in root.iter("joint") if each.get("type")}
-    alike = [name for name in elements if name == joint] or [
-        name for name in elements if name.endswith(f"_{joint}")
-    ]
-    if len(alike) != 1:
-        raise ExportError(f"{place}: {unknown('joint', joint, elements)}")
-    element, name = elements[alike[0]], alike[0]
-    kind, wanted = KINDS.get(str(element.get("type"))), "prismatic" if unit == "m" else "revolute"
-    if kind != wanted:
-        raise ExportError(f"{place}: joint {name!r} is {element.get('type')}; want {wanted}")
-    mimics = [
-        n for n, e in elements.items() for m in e.iter("mimic") if name in (n, m.get("joint"))
-    ]
-    if mimics:
+    largest = 0.0 if domain is None else np.maximum(-domain.error_lower, domain.error_upper)
+    if (np.abs(offset) < _LEAST * largest).all():
         raise ExportError(
-            f"{place}: {', '.join(mimics)} with a mimic of or by {name!r}, which cannot follow an "
-            "offset; give a URDF without mimic joints there"
+            f"fixed offsets are below {100 * _LEAST:g} % of the errors in training of "
+            f"{', '.join(joints)}, and a URDF holds nothing else; correct by the model itself"
         )
-    origin = element.find("origin")
-    if origin is None:
-        origin = ET.SubElement(element, "origin")
-    axis = element.find("axis")
-    z = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), name, place)
-    if not np.linalg.norm(z) > 0.0:
-        raise ExportError(f"{place}: joint {name!r} has the axis {z.tolist()}; want a direction")
-    z /= np.linalg.norm(z)
-    xyz, rpy = (_numbers(origin.get(key, "0 0 0"), name, place) for key in ("xyz", "rpy"))
-    turn = Rotation.from_euler("xyz", rpy)
-    if unit == "m":
-        xyz = xyz + turn.apply(offset * z)
-    else:
-        turn = turn * Rotation.from_rotvec(offset * z)
-    for key, values in (("xyz", xyz), ("rpy", turn.as_euler("xyz"))):
-        origin.set(key, " ".join(f"{value:.15g}" for value in values))
-
-
-def _numbers(text: str, name: str, place: str) -> Array:
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise ExportError(f"{place}: joint {name!r} has {text!r:.60}; want three numbers")
-    return values
-
-
-def _left_out(calibration: Calibration, scales: Mapping[str, float]) -> str:
-    """Say what of a calibration a fixed offset is not."""
-    told = [f"{j} {100 * s:+.1f} %" for j, s in scales.items() if abs(s) > _SCALE]
+    parts = []
+    own = [f"measured/{joint}" for joint in joints]
+    if "linear" in calibration.baselines and {*own} <= {*names}:
+        columns = [names.index(name) for name in own]
+        up, down = (baseline("linear", middle + s * np.diag(half)) for s in (1.0, -1.0))
+        scales = np.diag((up - down)[columns]) / (2.0 * half[columns])
+        told = [f"{j} {100 * s:+.1f} %" for j, s in zip(joints, scales, strict=True)]
+        parts.append(f"scale ({', '.join(told)})")
     signals = calibration.feature_set.signals
-    parts = [f"scale ({', '.join(told)})"] if told else []
-    parts += ["coupling of joints"] if len(calibration.joints) > 1 else []
+    parts += ["coupling of joints"] if len(joints) > 1 else []
     parts += ["effort"] if any(name.startswith("effort/") for name in signals) else []
     parts += ["history"] if calibration.looks_back else []
     parts += ["curvature"] if calibration.estimator not in ("offset", "linear") else []
-    return ", ".join(parts) or "nothing"
+    return dict(zip(joints, offset.tolist(), strict=True)), ", ".join(parts)
+
+
+def _shift(root: ET.Element, joint: str, kind: str, offset: float) -> None:
+    """Add an offset [rad or m] to a joint's origin; raises LookupError where it cannot be."""
+    joints = {str(each.get("name")): each for each in root.iter("joint") if each.get("type")}
+    alike = [n for n in joints if n == joint] or [n for n in joints if n.endswith(f"_{joint}")]
+    if len(alike) != 1:
+        raise LookupError(unknown("joint", joint, joints))
+    name, element = alike[0], joints[alike[0]]
+    if KINDS.get(str(element.get("type"))) != kind:
+        raise LookupError(f"joint {name!r} is {element.get('type')}; want {kind}")
+    mimics = [n for n, e in joints.items() for m in e.iter("mimic") if name in (n, m.get("joint"))]
+    if mimics:
+        raise LookupError(
+            f"{', '.join(mimics)} with a mimic of or by {name!r}, which cannot follow an offset; "
+            "give a URDF without mimic joints there"
+        )
+    found, axis = element.find("origin"), element.find("axis")
+    origin = ET.SubElement(element, "origin") if found is None else found
+    z = np.array(("1 0 0" if axis is None else axis.get("xyz", "1 0 0")).split(), float)
+    xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
+    if not (np.isfinite([xyz, rpy, z]).all() and np.linalg.norm(z) > 0.0):
+        raise LookupError(f"joint {name!r} has an axis or an origin that is none")
+    z, turn = offset * z / np.linalg.norm(z), Rotation.from_euler("xyz", rpy)
+    if kind == "prismatic":
+        xyz = xyz + turn.apply(z)
+    else:
+        turn = turn * Rotation.from_rotvec(z)
+    for key, values in (("xyz", xyz), ("rpy", turn.as_euler("xyz"))):
+        origin.set(key, " ".join(f"{value:.15g}" for value in values))
