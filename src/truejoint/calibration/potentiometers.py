@@ -48,37 +48,33 @@ def learn_reference(
 
     Raises CalibrationError if one is not in the unit of its joint's position.
     """
-    shape = len(joints), STRETCHES
     lower, upper = np.zeros((2, len(joints)))
     residual = np.full(len(joints), _RESOLUTION)
-    difference, rows = np.zeros((2, *shape))
+    difference, rows = np.zeros((2, len(joints), STRETCHES))
     for k, joint in enumerate(joints):
         if not in_all(recordings, [f"pot/{joint}"]):
             continue
-        for recording in recordings:
-            check_units(recording, {f"pot/{joint}": recording.units[f"measured/{joint}"]}, "not in")
+        unit = recordings[0].units[f"measured/{joint}"]
+        check_units(recordings[0], {f"pot/{joint}": unit}, "not in")
         measured, pot = (
             np.concatenate([recording.column(f"{name}/{joint}") for recording in recordings])
             for name in ("measured", "pot")
         )
         lower[k], upper[k] = measured.min(), measured.max()
-        stretch = _stretches(measured, lower[k], upper[k])
-        rows[k], difference[k] = _means(stretch, pot - measured)
+        stretch, rows[k], difference[k] = _by_stretch(measured, pot - measured, lower[k], upper[k])
         residual[k] = max(np.std(pot - measured - difference[k][stretch]), _RESOLUTION)
-    known = PotentiometerReference(lower, upper, difference, rows, residual)
-    return known if rows.any() else None
+    found = PotentiometerReference(lower, upper, difference, rows, residual)
+    return found if rows.any() else None
 
 
-def _stretches(position: Array, lower: float, upper: float) -> Integers:
-    """Stretch (n,) in which each position (n,) lies."""
-    share = (position - lower) / (upper - lower)
-    return np.clip(np.floor(share * STRETCHES), 0, STRETCHES - 1).astype(np.int64)
-
-
-def _means(stretch: Integers, values: Array) -> tuple[Array, Array]:
-    """Rows in each stretch, and the mean of their values (n,); 0 where there are none."""
+def _by_stretch(
+    position: Array, values: Array, lower: float, upper: float
+) -> tuple[Integers, Array, Array]:
+    """Stretch of each position (n,) between the two, and rows and mean value of each stretch."""
+    share = (position - lower) / (upper - lower) * STRETCHES
+    stretch = np.minimum(share.astype(np.int64), STRETCHES - 1)
     rows = np.bincount(stretch, minlength=STRETCHES).astype(np.float64)
-    return rows, np.bincount(stretch, values, STRETCHES) / np.maximum(rows, 1.0)
+    return stretch, rows, np.bincount(stretch, values, STRETCHES) / np.maximum(rows, 1.0)
 
 
 def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
@@ -89,19 +85,11 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
     deviation comes from how much stretches differ, and resemble the next ones. A potentiometer
     whose offset itself drifted is taken for an encoder that moved.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        One whose training recordings all have ``pot/<joint>``, as `calibrate` wrote it.
-    recording : Recording
-        A slow motion with ``pot/<joint>``, through a quarter of each joint's trained range at
-        least. A joint that moved less or lacks it keeps its zero; its deviation is NaN.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration keeps no reference or was re-zeroed before, the recording does not fit,
-        all joints hardly moved, or the stretches of a joint disagree.
+    The recording is of a slow motion with ``pot/<joint>``, as the training recordings were, through
+    a quarter of each joint's trained range at least. A joint that moved less, or lacks it, keeps
+    its zero; its deviation is NaN. Raises CalibrationError if the calibration keeps no reference or
+    was re-zeroed before, the recording does not fit, all joints hardly moved, or the stretches of a
+    joint disagree.
 
     Examples
     --------
@@ -148,9 +136,9 @@ def _moved(
     pot, offset = recording.column(f"pot/{joint}"), 0.0
     for _ in range(_ROUNDS):  # a reading belongs to the stretch that it lay in before the move
         position = recording.column(f"measured/{joint}") + offset
-        inside = (position >= known.lower[k]) & (position <= known.upper[k])
-        stretch = _stretches(position[inside], known.lower[k], known.upper[k])
-        rows, now = _means(stretch, (pot - position)[inside])
+        lower, upper = known.lower[k], known.upper[k]
+        inside = (position >= lower) & (position <= upper)
+        _, rows, now = _by_stretch(position[inside], (pot - position)[inside], lower, upper)
         seen = np.minimum(rows, known.rows[k]) >= _LEAST_ROWS
         if seen.sum() < _FEWEST:
             return None
@@ -163,7 +151,7 @@ def _moved(
         raise CalibrationError(
             f"{source_of(recording)}: the potentiometer of {joint} disagrees with its reference by "
             f"{math.sqrt(square) / known.residual[k]:.1f} standard deviations of a reading along "
-            "its range; look whether it slips or its scale changed, and calibrate anew"
+            "its range; look whether it slips, and calibrate anew"
         )
     # Neighbours that are alike count for less than one each.
     alike = float(np.clip((left[1:] * left[:-1]).sum() / max((left**2).sum(), 1e-300), 0.0, 0.9))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from threading import Timer
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from truejoint.robots import Robot
 
 _LOOK: Final = 0.3  # [s] in which a set-point that is moved shows it
+_SOON, _BUTTON = 2.0, 120.0  # [s] until a person is told of the button, and waited for
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,13 @@ def _is_moved(device: Arm) -> bool:
 
 def home(device: Arm, truth: JointEncoders | None) -> None:
     """Enable and home an arm, and register its joint encoders at the hard stops meanwhile."""
-    (device.resume if device.operating_state().state == "PAUSED" else device.enable)()
+    # A RAVEN-II's state machine waits for its button, or for its pedal.
+    hint = Timer(_SOON, say, [f"{device.robot.title} is not enabled: press its button or pedal"])
+    try:
+        hint.start()
+        (device.resume if device.operating_state().state == "PAUSED" else device.enable)(_BUTTON)
+    finally:
+        hint.cancel()
     if truth is None and device.operating_state().is_homed:
         return
     say(f"Homing {device.robot.title} ...")

@@ -29,22 +29,11 @@ def export_urdf(
 ) -> tuple[dict[str, float], str]:
     """Write a URDF anew with each joint's fixed offset in its origin, and say what that leaves out.
 
-    True positions are then those of the URDF at reported ones, as far as an offset goes: the tool
-    errs as with the ``offset`` baseline. A joint of the URDF is called as the calibration's, or
-    ends in ``_`` and that name. All else stays, limits too, which are of reported positions.
-
-    Returns
-    -------
-    offsets : dict
-        Offset of each joint that was added [rad or m].
-    left_out : str
-        Parts of the calibration that a URDF cannot hold.
-
-    Raises
-    ------
-    ExportError
-        If the file is no URDF, lacks a joint, has it of another type or in a mimic, or the offsets
-        say little of what the calibration corrects.
+    At reported positions its tool then errs as with the ``offset`` baseline. A joint is called as
+    the calibration's, or ends in ``_`` and that name; all else stays. Gives the offset of each
+    joint [rad or m], and in words what of the calibration a URDF cannot hold. Raises ExportError if
+    the file is no URDF, lacks a joint, or has it of another type or in a mimic; and if the offsets
+    say little of the errors.
 
     Examples
     --------
@@ -57,8 +46,8 @@ def export_urdf(
     calibration, path = as_calibration(calibration), Path(path)
     check_ending(path, ".urdf", "a URDF", ExportError)
     offsets, left_out = _linear_part(calibration)
-    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))  # noqa: S314  # no entities
-    try:
+    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))  # noqa: S314
+    try:  # without entities
         root = ET.fromstring(urdf_bytes(Path(urdf), ExportError).decode(), parser)  # noqa: S314
         for joint, offset in offsets.items():
             _shift(root, joint, calibration.machine.joint(joint).kind, offset)
@@ -92,8 +81,7 @@ def _linear_part(calibration: Calibration) -> tuple[dict[str, float], str]:
             f"fixed offsets are below {100 * _LEAST:g} % of the errors in training of "
             f"{', '.join(joints)}, and a URDF holds nothing else; correct by the model itself"
         )
-    parts = []
-    own = [f"measured/{joint}" for joint in joints]
+    parts, own = [], [f"measured/{joint}" for joint in joints]
     if "linear" in calibration.baselines and {*own} <= {*names}:
         columns = [names.index(name) for name in own]
         up, down = (baseline("linear", middle + s * np.diag(half)) for s in (1.0, -1.0))
@@ -128,7 +116,7 @@ def _shift(root: ET.Element, joint: str, kind: str, offset: float) -> None:
     z = np.array(("1 0 0" if axis is None else axis.get("xyz", "1 0 0")).split(), float)
     xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
     if not (np.isfinite([xyz, rpy, z]).all() and np.linalg.norm(z) > 0.0):
-        raise LookupError(f"joint {name!r} has an axis or an origin that is none")
+        raise LookupError(f"joint {name!r}: its axis has no direction, or a number is not finite")
     z, turn = offset * z / np.linalg.norm(z), Rotation.from_euler("xyz", rpy)
     if kind == "prismatic":
         xyz = xyz + turn.apply(z)
