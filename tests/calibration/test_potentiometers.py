@@ -8,7 +8,10 @@ import pytest
 from truejoint import Recording, calibrate, read_calibration, write_calibration
 from truejoint.calibration import find_zero, potentiometer_zero
 from truejoint.calibration.potentiometers import learn_reference
+from truejoint.crtk import simulated_arm
 from truejoint.errors import CalibrationError
+from truejoint.motion import follow, random_motion
+from truejoint.recordings import Recorder
 
 JOINTS = ("shoulder", "elbow", "insertion")
 FEATURES = tuple(f"measured/{joint}" for joint in JOINTS)
@@ -43,6 +46,35 @@ def test_a_power_on_is_found_within_the_stated_deviation(build, model):
     rms = np.sqrt(np.square(ratios).mean(axis=0))
     assert (rms < 1.6).all()
     assert (rms > 0.5).all()
+
+
+def test_power_ons_of_a_psm_are_found():
+    """Its preload is what moves, and the tool errs as on the day of the calibration."""
+    runs, zeros = [], []
+    for seed in range(6):
+        with simulated_arm("dvrk_psm", "psm1", seed=seed) as arm:
+            arm.enable()
+            arm.home()
+            twin = arm._backend.twin
+            zeros.append((twin._plant.joint_from_motor @ twin.encoder_zero)[:6])
+            with Recorder(arm) as recorder:
+                follow(arm, random_motion(arm.robot, 60.0 if seed == 0 else 20.0, seed=seed))
+            runs.append(recorder.recording().with_truth(arm.robot.positioning))
+    model, ratios, gains = calibrate(runs[0], "linear"), [], []
+    for run, zero in zip(runs[1:], zeros[1:], strict=True):
+        found = potentiometer_zero(model, run)
+        ratios.append((found.offset - (zero - zeros[0])) / found.deviation)
+        places = [
+            [pose[:3, 3] for pose in run.robot.kinematics.forward(np.column_stack([joints, jaw]))]
+            for jaw in [run.column("measured/jaw")]
+            for joints in (run["truth"], model.correct(run), model.at(found).correct(run))
+        ]
+        off = np.linalg.norm(np.array(places[1:]) - places[0], axis=2)
+        gains.append(np.sqrt((off**2).mean(axis=1)))
+    assert 0.6 < np.sqrt(np.square(ratios).mean()) < 1.6
+    before, after = np.array(gains).T
+    assert (after < np.minimum(before, 2.5e-4)).all()
+    assert np.sqrt((after**2).mean() / (before**2).mean()) < 0.4
 
 
 def test_a_zero_that_hardly_moved_is_left(build, model):

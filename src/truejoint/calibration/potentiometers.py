@@ -29,15 +29,12 @@ _DISAGREE: Final = 2.0  # deviations of a reading, by which stretches may differ
 
 @dataclass(frozen=True, eq=False)
 class PotentiometerReference:
-    """Mean of potentiometer less measured position in stretches of each joint's trained range.
-
-    A joint without one has 0 `rows`.
-    """
+    """Mean of potentiometer less measured position in stretches of each joint's trained range."""
 
     lower: Array  # (n_joints,), range of each measured position [rad or m]
     upper: Array
     difference: Array  # (n_joints, n_stretches) [rad or m]
-    rows: Array  # (n_joints, n_stretches), readings in each
+    rows: Array  # (n_joints, n_stretches), readings in each; 0 without a potentiometer
     residual: Array  # (n_joints,), standard deviation of a reading in its stretch [rad or m]
 
 
