@@ -2,6 +2,7 @@
 
 import json
 import sys
+import threading
 from contextlib import ExitStack, suppress
 from types import SimpleNamespace
 
@@ -183,7 +184,10 @@ def test_another_arm_than_is_there_is_one_line(call, arm, monkeypatch, line, sai
 
 
 def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monkeypatch):
-    call.refuses("/none: no truth came within 1 s", f"check {model} {BRIEF} /none")
+    said = "/none: no truth came within 1 s; joint states: /arm1/jaw/measured_js, "
+    call.refuses(said, f"check {model} {BRIEF} /none")
+    said = "/ext_pos: no truth came within 1 s; did you mean '/ext_jpos'?"
+    call.refuses(said, f"rezero {model} {BRIEF} /ext_pos -o new.st")
     with suppress(truejoint.errors.MotionStopped):
         there = arm.robot.home + (arm.robot.upper - arm.robot.home) * np.eye(7)[0]
         motion = arm.move_jp(there, speed=np.full(7, 0.04))  # for longer than it takes to look
@@ -199,6 +203,34 @@ def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monke
     monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 0.3)
     said = "no arm reports: start the node of the robot"
     call.refuses(said, f"check {model} {BRIEF} /none")
+
+
+@pytest.mark.parametrize("state", ["DISABLED", "PAUSED"])
+def test_the_robots_button_is_waited_for_and_named(monkeypatch, state):
+    asked, pressed = [], threading.Event()
+
+    class Waiting:
+        robot = truejoint.get_robot("raven2")
+
+        def operating_state(self):
+            return OperatingState(state, is_homed=True, is_busy=False, t=0.0)
+
+        def enable(self, timeout):
+            asked.append(("DISABLED", timeout))
+            assert pressed.wait(LONG)
+
+        def resume(self, timeout):
+            asked.append(("PAUSED", timeout))
+            assert pressed.wait(LONG)
+
+    def say(text):
+        assert "press its button or pedal" in text
+        pressed.set()
+
+    monkeypatch.setattr(driven_arm, "say", say)
+    monkeypatch.setattr(driven_arm, "_SOON", 0.0)
+    driven_arm.home(Waiting(), None)
+    assert asked == [(state, 120.0)]
 
 
 def test_motors_that_stand_off_their_set_point_are_moved_by_nobody():

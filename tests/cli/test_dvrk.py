@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,40 @@ def test_touches_find_the_zero_of_another_power_on(call, session, tmp_path):
         errors.append(np.sqrt((left**2).mean(axis=0))[:3])
     assert (errors[1] < 0.5 * errors[0])[[0, 2]].all()
     assert errors[1][1] < errors[0][1]
+
+
+def test_potentiometers_find_the_zero_of_another_power_on(call, session, tmp_path):
+    model = "psm1.safetensors"
+    call.good(f"calibrate {session}/learn.parquet -e linear -o {model}")
+    today = truejoint.read_recording(session / "seed8.parquet")
+    bare = today.table.drop(columns=[name for name in today.units if name.startswith("truth")])
+    units = {name: unit for name, unit in today.units.items() if name in bare}
+    truejoint.write_parquet(replace(today, table=bare, units=units), tmp_path / "bare.parquet")
+    done = call.good(f"rezero {model} bare.parquet -o today.safetensors")
+    assert "re-zeroed by the potentiometers in bare.parquet" in done.out
+    said = call.json(f"rezero {model} {session}/seed8.parquet --potentiometers -o t.safetensors")
+    assert said["source"] == "potentiometers"
+    before, after = (truejoint.read_calibration(n) for n in (model, "today.safetensors"))
+    assert after.zero.shift.tolist() == said["shift"]
+    run = today.with_truth(before.joints)
+    errors = [
+        np.sqrt(((m.correct(run) - run.columns("truth", m.joints)) ** 2).mean(axis=0))
+        for m in (before, after)
+    ]
+    assert (errors[1][:3] < [0.4 * errors[0][0], errors[0][1], 0.4 * errors[0][2]]).all()
+
+    # A bag has the potentiometers of three joints; the others keep their zeros.
+    call.good(f"export {session}/seed8.parquet --to bag -o today.mcap")
+    call.good(f"extract today.mcap --robot {ARM} -o from_bag.parquet")
+    done = call.good(f"rezero {model} from_bag.parquet --potentiometers -o t.safetensors --force")
+    assert "outer_wrist_yaw: no potentiometer, or hardly moved; the zero stays" in done.out
+    shift = truejoint.read_calibration("t.safetensors").zero.shift
+    np.testing.assert_allclose(shift[:3], said["shift"][:3], rtol=0, atol=1e-9)
+    assert not shift[3:].any()
+    call.refuses(
+        "--touches",
+        f"rezero {model} from_bag.parquet --potentiometers --touches x.csv --bolted y.toml -o x.st",
+    )
 
 
 BRIDGE = """

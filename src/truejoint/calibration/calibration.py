@@ -35,6 +35,7 @@ from truejoint.units import with_unit
 if TYPE_CHECKING:  # a control loop corrects without them
     import pandas as pd
 
+    from truejoint.calibration.potentiometers import PotentiometerReference
     from truejoint.calibration.zero import Zero
     from truejoint.estimators.base import JointRegressor
     from truejoint.recordings import Recording
@@ -84,6 +85,7 @@ class Calibration(Summarised):
     effort_baseline: EffortBaseline | None = None  # for the monitors
     parity: ParityEquations | None = None  # of measured positions with `redundant` columns
     redundant: Mapping[str, str] = field(default_factory=dict)  # units of these, by column
+    potentiometers: PotentiometerReference | None = None  # what they read against the encoders
     rezeroed_fit: Fit | None = None
     """Fit with a zero for each training recording, for motions that begin with re-zeroing. It is
     useless without, as all that differs between recordings went into `Origin.zeros`."""

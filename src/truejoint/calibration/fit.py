@@ -31,6 +31,7 @@ from truejoint.calibration.efforts import fit_effort_baseline, residual_baseline
 from truejoint.calibration.fit_task import FitTask, fitted_rows, recording_zeros, stride_of, within
 from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
+from truejoint.calibration.potentiometers import learn_reference
 from truejoint.calibration.redundancy import fit_parity_equations
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
@@ -183,6 +184,7 @@ def _assembled(
             resting_features(task.recordings, task.feature_set, task.joints, task.units),
         ),
         parity=parity,
+        potentiometers=learn_reference(task.recordings, task.joints),
         redundant=redundant,
         origin=replace(origin, estimator=task.model.name, sample_dt=task.dt, baseline_notes=notes),
         metadata={

@@ -26,6 +26,7 @@ from truejoint.calibration.domain import TrainingDomain
 from truejoint.calibration.efforts import BEGINNINGS, EffortBaseline, count_effort_terms
 from truejoint.calibration.interval import MAX_LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Origin
+from truejoint.calibration.potentiometers import STRETCHES, PotentiometerReference
 from truejoint.calibration.redundancy import ParityEquations
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError, other_kind
@@ -78,11 +79,17 @@ _PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {
     "effort_baseline": (EffortBaseline, _axes(EffortBaseline, "j", coef="jt", beginning="bj")),
     "parity": (ParityEquations, _axes(ParityEquations, "e", matrix="es")),
     "interval": (Interval, _axes(Interval, "lj", levels="l")),
+    "potentiometers": (
+        PotentiometerReference,
+        _axes(PotentiometerReference, "j", difference="jp", rows="jp"),
+    ),
 }
 """A letter for each axis of an array: s signals of the loop, n those of the model, f features, j
-joints, t terms of an effort, b beginnings; another one is of any length."""
+joints, t terms of an effort, b beginnings, p stretches; another one is of any length."""
 _POSITIVE: Final = re.compile(r"dt|scale|\w+_limit|residual|correlation|beginning")
-_SIGNED: Final = re.compile(r"feature_mean|whitening|coef|matrix|intercept|.*lower|.*upper")
+_SIGNED: Final = re.compile(
+    r"feature_mean|whitening|coef|difference|matrix|intercept|.*lower|.*upper"
+)
 
 
 class _Estimator(NamedTuple):
@@ -291,6 +298,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     sizes = {
         "s": len(stated.units) + len(stated.redundant), "n": len(stated.units), "j": n_joints,
         "f": len(stated.features), "t": count_effort_terms(n_joints), "b": len(BEGINNINGS),
+        "p": STRETCHES,
     }  # fmt: skip
     first, again = _fit(stated.fit, parts, ""), stated.rezeroed_fit
     offsets, moves = parts.pop("zero", {}), parts.pop("moves", {})

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from threading import Timer
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
@@ -15,16 +16,18 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import say
 from truejoint.cli.node import joined
-from truejoint.errors import CommandRefused, RosError
+from truejoint.errors import CommandRefused, RosError, meant
 from truejoint.units import shown
 
 if TYPE_CHECKING:
     from truejoint.cli.recording_options import Files
     from truejoint.crtk import Arm, Backend
+    from truejoint.crtk.ros import Transport
     from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.robots import Robot
 
 _LOOK: Final = 0.3  # [s] in which a set-point that is moved shows it
+_SOON, _BUTTON = 2.0, 120.0  # [s] until a person is told of the button, and waited for
 
 
 @dataclass(frozen=True)
@@ -35,14 +38,16 @@ class Topics:
     namespace: str = ""
     profile: str = ""
 
+    def backend(self, transport: Transport, robot: Robot, truth: str) -> Backend:
+        """Arm on the topics of a node."""
+        make, space = truejoint.crtk.RosBackend, self.namespace
+        return make(transport, robot, self.profile, namespace=space, truth=truth)
+
     @contextmanager
     def over_ros(self, robot: Robot, truth: str = "", *, controls: bool = False) -> Iterator[Arm]:
         """Look on while others move the arm or, where it `controls`, be the only one who does."""
         with joined("truejoint", self.ros or 1) as transport:
-            connected = partial(
-                truejoint.crtk.RosBackend, transport, robot, self.profile,
-                namespace=self.namespace, truth=truth,
-            )  # fmt: skip
+            connected = partial(self.backend, transport, robot, truth)
             with truejoint.crtk.Arm(connected(), controls=False) as device:
                 if not controls:
                     yield device
@@ -102,6 +107,8 @@ class BriefTruth(ArmOnTopics):
         self, name: str | None, files: Files, model: truejoint.Calibration
     ) -> truejoint.Recording:
         """Read a recording or, with `--ros`, record the model's arm while others move it."""
+        from truejoint.crtk.messages import JOINT_STATE
+
         if self.ros is None:
             if name is None:
                 raise CommandRefused("name a RECORDING, or give --ros and --truth")
@@ -111,7 +118,12 @@ class BriefTruth(ArmOnTopics):
             raise CommandRefused(
                 f"--duration-s {duration:g}: give 1 to 600 s for what is recorded now"
             )
-        with self.over_ros(robot, self.truth) as device:
+        with (
+            joined("truejoint", self.ros) as transport,
+            truejoint.crtk.Arm(
+                self.backend(transport, robot, self.truth), controls=False
+            ) as device,
+        ):
             if not device.operating_state().is_homed:
                 raise CommandRefused(f"{robot.title} is not homed: home it first")
             say(f"Recording {robot.title} for {duration:g} s ...")
@@ -120,8 +132,10 @@ class BriefTruth(ArmOnTopics):
                 device.wait(duration)
                 device.operating_state()  # of an arm that has fallen silent there is none
             recording = recorder.recording()
-        if not recording.joints_of("truth"):
-            raise RosError(f"{self.truth}: no truth came within {duration:g} s; is it the topic?")
+            if not recording.joints_of("truth"):
+                states = sorted(t for t, k in transport.topics().items() if k == JOINT_STATE)
+                near = meant(self.truth, states) or f" joint states: {', '.join(states) or 'none'}"
+                raise RosError(f"{self.truth}: no truth came within {duration:g} s;{near}")
         return recording
 
 
@@ -144,7 +158,13 @@ def _is_moved(device: Arm) -> bool:
 
 def home(device: Arm, truth: JointEncoders | None) -> None:
     """Enable and home an arm, and register its joint encoders at the hard stops meanwhile."""
-    (device.resume if device.operating_state().state == "PAUSED" else device.enable)()
+    # A RAVEN-II's state machine waits for its button, or for its pedal.
+    hint = Timer(_SOON, say, [f"{device.robot.title} is not enabled: press its button or pedal"])
+    try:
+        hint.start()
+        (device.resume if device.operating_state().state == "PAUSED" else device.enable)(_BUTTON)
+    finally:
+        hint.cancel()
     if truth is None and device.operating_state().is_homed:
         return
     say(f"Homing {device.robot.title} ...")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import truejoint
 from truejoint.cli import options
@@ -18,7 +18,7 @@ from truejoint.units import with_unit
 
 def export(
     name: str,
-    kind: Literal["c", "onnx", "ros", "bag", "simulator"],
+    kind: Literal["c", "onnx", "ros", "bag", "simulator", "urdf"],
     output: Path,
     precision: Literal["double", "float"] = "double",
     prefix: str | None = None,
@@ -26,6 +26,7 @@ def export(
     on_fault: Literal["hold", "raw", "silent"] = "hold",
     compensate: bool = False,
     profile: str = "",
+    urdf: Path | None = None,
     force: bool = False,
 ) -> Result:
     """Write a calibration as C99 (c), a ROS package (ros) or an ONNX graph (onnx).
@@ -33,19 +34,22 @@ def export(
     The C source does all that `Corrector` does, with test vectors and a main that checks it; the
     package, for catkin and ament, is a node around it. The ONNX graph holds the regressor alone.
     With --to bag, write a recording as a ROS bag of CRTK's topics; with --to simulator, learn from
-    a recording with truth what the robot reports of true positions, and write that as C99.
+    a recording with truth what the robot reports of true positions, and write that as C99. With
+    --to urdf, write your URDF (--urdf) with the calibration's fixed offsets in its joints.
     """
     stated = {"level": options.share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
-    if kind in ("bag", "simulator"):
-        option, other = ("--profile", prefix) if kind == "bag" else ("--prefix", profile or None)
-        if how or compensate or other is not None or precision != "double":
-            raise ExportError(f"--to {kind} takes {option}; leave other options out")
-        if kind == "bag":
-            return _export_bag(name, output, profile, force=force)
-        return _export_error_model(name, output, prefix, force=force)
-    if profile:
-        raise ExportError("--profile is for --to bag; leave it out")
+    given = {"profile": profile or None, "prefix": prefix, "urdf": urdf}
+    if kind in _OF_ONE_OPTION:
+        option, write_one = _OF_ONE_OPTION[kind]
+        value = given.pop(option)
+        if how or compensate or {*given.values()} != {None} or precision != "double":
+            raise ExportError(f"--to {kind} takes --{option}; leave other options out")
+        written: Result = write_one(name, output, value, force=force)
+        return written
+    for option, (word, _) in _OF_ONE_OPTION.items():
+        if word != "prefix" and given[word] is not None:
+            raise ExportError(f"--{word} is for --to {option}; leave it out")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
     if kind == "onnx" and how:
@@ -71,15 +75,27 @@ def export(
     return Result({"files": [str(path) for path in paths]})
 
 
-def _export_bag(name: str, output: Path, profile: str, *, force: bool) -> Result:
+def _export_bag(name: str, output: Path, profile: str | None, *, force: bool) -> Result:
     """Write a recording as a ROS bag."""
     check_target(output, overwrite=force)
     recording = Files().one(name)
     with progress(f"Writing {output}"):
-        truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
+        truejoint.recordings.write_bag(recording, output, profile=profile or "", overwrite=force)
     topics = ", ".join(truejoint.recordings.bag_topics(output))
     out.print(f"{output}: {len(recording)} rows as {topics}")
     return Result({"files": [str(output)]})
+
+
+def _export_urdf(name: str, output: Path, urdf: Path | None, *, force: bool) -> Result:
+    """Write a URDF with a calibration's fixed offsets."""
+    if urdf is None:
+        raise ExportError("--to urdf needs --urdf, the URDF that is to have the offsets")
+    calibration = truejoint.read_calibration(name)
+    offsets, left_out = truejoint.export.export_urdf(calibration, urdf, output, overwrite=force)
+    for joint, offset in offsets.items():
+        out.print(f"{joint}: {with_unit(offset, calibration.units[f'measured/{joint}'])} added")
+    out.print(f"{output}: left out: {left_out}", soft_wrap=True)
+    return Result({"files": [str(output)], "offsets": offsets, "left_out": left_out})
 
 
 def _export_error_model(name: str, output: Path, prefix: str | None, *, force: bool) -> Result:
@@ -111,3 +127,9 @@ def _write_graph(
     stem = truejoint.export.default_prefix(calibration) if prefix is None else prefix
     path = folder / f"{check_prefix(stem)}.onnx"
     return (truejoint.export.export_onnx(calibration, path, **how),)
+
+
+_OF_ONE_OPTION: Final[Any] = {
+    "bag": ("profile", _export_bag), "simulator": ("prefix", _export_error_model),
+    "urdf": ("urdf", _export_urdf),
+}  # fmt: skip  # what else is written: the one option that it takes, and what writes it

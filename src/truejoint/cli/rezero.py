@@ -27,6 +27,7 @@ class Source:
     bolted: Path | None = None
     touch_sd_mm: float | None = None
     motor: Path | None = None
+    potentiometers: bool = False
 
 
 def rezero(
@@ -39,8 +40,9 @@ def rezero(
 ) -> Result:
     """Re-zero a calibration after a homing or hours of work, and write it.
 
-    One of four sources gives the zero: truth in RECORDING, truth of the arm on ROS's topics
-    (--ros, --truth), touches of a bolted block (--touches, --bolted), or a jaw's motor (--motor).
+    One of five sources gives the zero: truth in RECORDING, truth of the arm on ROS's topics
+    (--ros, --truth), touches of a bolted block (--touches, --bolted), a jaw's motor (--motor), or
+    potentiometers, if RECORDING has them and no truth, or with --potentiometers.
     """
     from truejoint.tip.block import TOUCH_SD
 
@@ -74,6 +76,15 @@ def rezero(
         out.print(f"{new.output}: {done}")
         facts = {**vars(by_motor), "correction": by_motor.correction}
         return Result({"model": str(new.output), **facts})
+    has_truth = {*calibration.joints} <= {*loaded.joints_of("truth")}
+    if source.potentiometers or (loaded.joints_of("pot") and not has_truth):
+        zero = truejoint.calibration.potentiometer_zero(calibration, loaded)
+        result = _write(calibration, zero, new, {})
+        told = zip(calibration.joints, zero.deviation, strict=True)
+        if still := [joint for joint, sd in told if math.isnan(sd)]:
+            out.print(f"{', '.join(still)}: no potentiometer, or hardly moved; the zero stays")
+        out.print(f"{new.output}: re-zeroed by the potentiometers in {name}")
+        return result
     duration = math.inf if source.rezero_s is None else source.rezero_s
     zero = truejoint.calibration.find_zero(calibration, loaded, duration)
     result = _write(calibration, zero, new, {})

@@ -34,6 +34,13 @@ TRUTH_TOPIC: Final = "/ext_jpos"
 
 Source: uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder.
 """
+POT_TOPIC: Final = "io/pot/measured_js"
+"""A dVRK's potentiometers, in an arm's namespace; others are ``IO/<io>/<arm>/pot/measured_js``.
+
+Their joint states hold the actuators, called ``actuator_0`` and so on, in rad and m. Sources:
+jhu-dvrk/dvrk-ros (dvrk_robot, console), jhu-dvrk/sawRobotIO1394 (mtsRobot1394.cpp),
+jhu-dvrk/dvrk_python (scripts/dvrk_calibrate_potentiometers.py).
+"""
 CORRECTED: Final = "corrected"
 """Namespace, within an arm's, of what a correcting node says."""
 
@@ -133,6 +140,8 @@ class Profile:
     grasper: Mapping[str, str] = field(default_factory=dict)
     # Offsets added to readings of joint sensors that count from another zero [rad or m].
     truth_offsets: Mapping[str, float] = field(default_factory=dict)
+    # Joints that an actuator turns alone, in the order of the actuators, which are the first.
+    actuators: tuple[str, ...] = ()
 
     @property
     def truth_note(self) -> str:
@@ -251,12 +260,16 @@ def joint_state_columns(
     """Columns of a recording (n,) [SI] that n joint states with the same `names` hold.
 
     `fields` has ``position``, ``velocity`` and ``effort``, (n, k) or (n, 0). Gives
-    ``<quantity>/<joint>`` for a `quantity` of ``"measured"``, ``"setpoint"`` or ``"truth"``; beside
-    measured joints ``velocity/<joint>`` and ``effort/<joint>``, at the motor where the robot states
-    it there (`Robot.effort`) and all joints are in the message. Raises RobotError as `joint_order`,
-    or if the fields are not of the same number of joints.
+    ``<quantity>/<joint>`` for a `quantity` of ``"measured"``, ``"setpoint"``, ``"truth"`` or
+    ``"pot"``, of `Profile.actuators` alone; beside measured joints ``velocity/<joint>`` and
+    ``effort/<joint>``, at the motor where the robot states it there (`Robot.effort`) and all joints
+    are in the message. Raises RobotError as `joint_order`, or if the fields are not of the same
+    number of joints.
     """
     position = fields["position"]
+    if quantity == "pot":
+        columns = zip(profile.actuators, position.T, strict=False)
+        return {f"pot/{joint}": values for joint, values in columns}
     joints = joint_order(robot, names, position.shape[1], profile)
     if quantity != "measured":
         offsets = profile.truth_offsets if quantity == "truth" else {}
@@ -296,7 +309,11 @@ def joint_state_fields(
     ``effort``, (n, k) or (n, 0) where not all the joints have a column of it. A robot that states
     no effort has zeros.
     """
-    joints = [joint for joint in robot.joint_names if f"{quantity}/{joint}" in columns]
+    is_pot = quantity == "pot"
+    of_quantity = profile.actuators if is_pot else robot.joint_names
+    joints = [joint for joint in of_quantity if f"{quantity}/{joint}" in columns]
+    if is_pot and len(joints) < len(of_quantity):  # they stand by their number
+        joints = []
     rows = len(next(iter(columns.values())))
 
     def table(name: str) -> Array:
@@ -316,6 +333,8 @@ def joint_state_fields(
             fields["effort"] = (
                 robot.transmission.joint_effort(fields["effort"]) if whole else np.empty((rows, 0))
             )
+    if is_pot:
+        return tuple(f"actuator_{k}" for k in range(len(joints))), fields
     return tuple(profile.joint_in(topic, joint) for joint in joints), fields
 
 

@@ -10,14 +10,14 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.errors import RobotError, words
+from truejoint.errors import RobotError, TruejointError, words
 from truejoint.extras import require
 from truejoint.files import read_small
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Axis
 
-MAX_BYTES: Final = 1 << 24
-_KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}
+_MAX_BYTES: Final = 1 << 24
+KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}
 _PARALLEL: Final = 1e-9
 
 
@@ -28,9 +28,7 @@ def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "
     RobotError if the file is no URDF, has no such chain, or moves others on it.
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
-    data = read_small(path, RobotError, MAX_BYTES, "a URDF")
-    if b"<!" in data.replace(b"<!--", b""):  # entities: files of others, texts without end
-        raise RobotError(f"{path}: no document type or CDATA is read; take out what begins with <!")
+    data = urdf_bytes(path, RobotError)
     try:
         _, _, joints = urdf.parse_urdf(data.decode("utf-8"))
     except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise
@@ -39,6 +37,14 @@ def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "
         return _chain(_path(joints, base, tip), kinds)
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
+
+
+def urdf_bytes(path: Path, error: type[TruejointError]) -> bytes:
+    """Content of a URDF without entities, which would read files of others; else raises `error`."""
+    data = read_small(path, error, _MAX_BYTES, "a URDF")
+    if b"<!" in data.replace(b"<!--", b""):
+        raise error(f"{path}: no document type or CDATA is read; take out what begins with <!")
+    return data
 
 
 def _path(joints: Sequence[Any], base: str, tip: str) -> list[Any]:
@@ -68,7 +74,7 @@ def _chain(joints: Sequence[Any], kinds: Mapping[str, str]) -> SerialChain:
         fixed = fixed @ np.asarray(joint.child2parent, dtype=float)
         if joint.joint_type == "fixed":
             continue
-        name, kind = joint.joint_name, _KINDS[joint.joint_type]
+        name, kind = joint.joint_name, KINDS[joint.joint_type]
         if name not in names:
             raise RobotError(
                 f"joint {name!r} is not among the robot's joints {', '.join(names)}; "

@@ -21,7 +21,7 @@ def plain(**changes):
         "motor_friction.wander": 0.0, "motor_friction.warm_up": 0.0, "creep.final": none,
         "pulleys.run_out": none, "pulleys.scale": none, "pulleys.yaw_per_pitch_error": 0.0,
         "potentiometers.noise": every, "potentiometers.offset": every,
-        "potentiometers.scale": every,
+        "potentiometers.scale": every, "potentiometers.linearity": every,
     }  # fmt: skip
     values |= {name.replace("__", "."): value for name, value in changes.items()}
     return DvrkPsmParameters.read().with_values(values)
@@ -57,6 +57,42 @@ def test_positions_are_off_by_what_the_potentiometers_are_off_by():
     left = scaled._state.joint[INSERTION]
     out = scaled.home()
     assert out.measured[-1, 2] - out.joint[-1, 2] == pytest.approx(0.02 * left, abs=4e-4)
+
+
+def test_potentiometers_sit_at_the_motors():
+    """Whatever the cables do, they and the encoders differ by a constant, scale and bend aside."""
+    offset, preload = (0.02, -0.01, 0.003, 0.1, 0.05, -0.04, 0.0), []
+    for seed in (3, 4):
+        twin = DvrkPsmTwin(plain(potentiometers__offset=offset), seed=seed)
+        twin.home()
+        out = twin.run(swing(twin.robot.home, WRIST_PITCH, 0.7, 4.0))
+        read = np.column_stack([out.extra[f"pot/{joint}"] for joint in twin.robot.joint_names])
+        preload.append((read - out.measured)[-1])
+        np.testing.assert_allclose(read - out.measured, preload[-1] * np.ones((4000, 1)), atol=1e-9)
+        # They are preloaded to what the potentiometers read, to a count of the encoders.
+        np.testing.assert_allclose(preload[-1], 0.0, atol=3e-4)
+    zero = twin._plant.joint_from_motor @ twin.encoder_zero
+    bend = np.array([0.0, 0.0, 1e-3, *4 * [0.0]])
+    bent = DvrkPsmTwin(plain(potentiometers__linearity=tuple(bend)), seed=4)
+    bent.home()
+    deep = bent.robot.home + np.eye(7)[INSERTION] * 0.12
+    out = bent.run(np.linspace(bent.robot.home, deep, 4000))
+    off = out.extra["pot/outer_insertion"] - out.measured[:, INSERTION]
+    assert np.ptp(off) == pytest.approx(2e-3, rel=0.05)
+    assert np.abs(zero[INSERTION] - bent.encoder_zero[INSERTION] / 336.6) < 5e-3
+
+
+def test_a_noisy_potentiometer_is_the_same_however_a_motion_is_cut():
+    goal = np.tile(DvrkPsmTwin(seed=1).robot.home, (60, 1))
+    whole, parts = (DvrkPsmTwin(seed=1), DvrkPsmTwin(seed=1))
+    once = whole.run(goal).extra["pot/outer_yaw"]
+    parts.run(goal[:20])
+    back = parts.saved()
+    parts.run(goal[20:50])
+    back()
+    cut = parts.run(goal[20:]).extra["pot/outer_yaw"]
+    np.testing.assert_array_equal(cut, once[20:])
+    assert once.std() == pytest.approx(1.7e-3, rel=0.3)
 
 
 def test_a_homing_registers_anew():

@@ -53,7 +53,7 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     # Columns of run.csv as their names suggest; mend what is wrong, delete what is not needed.
     robot = "davinci_grasper"
     # joints: jaw
-    # quantities: measured, effort, current, velocity, motor, setpoint, truth, motor_velocity
+    # quantities: measured, effort, current, velocity, motor, setpoint, truth, pot, motor_velocity
     <BLANKLINE>
     [columns]
     "t" = { column = "stamp_ms", unit = "ms" }  # 0

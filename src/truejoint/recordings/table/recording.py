@@ -36,7 +36,7 @@ _RESTART: Final = 0.1  # share of the time before at which the clock may go on
 MISSING: Final = "value missing"
 
 # Quantities whose unit is that of the joint's position.
-POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth", "truth_exact")
+POSITION_QUANTITIES: Final = ("measured", "setpoint", "pot", "truth", "truth_exact")
 
 
 @dataclass(frozen=True)
@@ -145,8 +145,9 @@ class Recording(Summarised):
     table : DataFrame
         Column ``t`` [s], then ``<quantity>/<joint>``: ``measured`` (position reported from the
         motor side), ``velocity``, ``effort``, ``setpoint``, ``motor``, ``motor_velocity``,
-        ``current``, ``truth`` (from a joint sensor), ``truth_effort``, ... float64, one row a
-        sample, ``t`` strictly increasing. NaN only in ``truth*`` columns, in rows without a truth.
+        ``current``, ``pot`` (from a potentiometer), ``truth`` (from a joint sensor),
+        ``truth_effort``, ... float64, one row a sample, ``t`` strictly increasing. NaN only in
+        ``truth*`` columns, in rows without a truth.
     units : mapping
         SI unit of each column but ``t``; ``"1"`` for a quantity without a known unit.
     provenance : Provenance

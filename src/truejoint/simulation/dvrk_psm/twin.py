@@ -18,6 +18,7 @@ from truejoint.units import GRAVITY
 
 _RETURN: Final = 2.5  # [s] from where the arm was left to its home pose
 _PITCH, _YAW = 4, 5  # of the wrist
+_BOWS: Final = 2.0  # periods of a potentiometer's linearity error along its joint's range
 
 
 class Drive(NamedTuple):
@@ -49,10 +50,11 @@ class Mass(NamedTuple):
 
 
 class Potentiometers(NamedTuple):
-    """How the potentiometers err that the encoders are preloaded from."""
+    """How the potentiometers at the motors err; the encoders are preloaded from them."""
 
     offset: Annotated[Numbers, Bounds(-0.5, 0.5), EACH]
     scale: Annotated[Numbers, Bounds(-0.1, 0.1), EACH]
+    linearity: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
     noise: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
 
 
@@ -101,27 +103,43 @@ class DvrkPsmTwin(ArmTwin):
 
     parameters: DvrkPsmParameters
 
+    def _build(self) -> None:
+        super()._build()
+        self._pot_rng = np.random.default_rng([self.seed, 3])
+        self._streams = (*self._streams, self._pot_rng)
+
     def homing(self) -> Generator[TwinOutput]:
         """Preload the motor encoders from the potentiometers, and go to the home pose.
 
-        A PSM looks for no stops: its potentiometers are absolute. What they are off by, all
-        positions are off by until the next homing.
+        A PSM looks for no stops: its potentiometers are absolute. What they are off by where the
+        arm was left, all positions are off by until the next homing.
         """
-        pots, jaw = self.parameters.potentiometers, self._take_up()[-1:]
-        true = np.concatenate([self._state.joint, jaw])
-        noise = np.array(pots.noise) * self._rng.standard_normal(7)
-        read = true * (1.0 + np.array(pots.scale)) + pots.offset + noise
+        read = self._potentiometers(self._plant.joint_from_motor @ self._state.motor, self._rng)
         self._register(read)
         self._state.command[:] = self._plant.motor_from_joint @ read
         home = self.robot.home
         yield from self._go(glide(read, home, _RETURN), hold(home, 1.0))
 
+    def _potentiometers(self, position: Array, rng: np.random.Generator) -> Array:
+        """Read the potentiometers, shape of `position` (..., 7) that the motors are at."""
+        pots, lower, upper = self.parameters.potentiometers, self.robot.lower, self.robot.upper
+        bow = np.sin(2.0 * np.pi * _BOWS * (position - lower) / (upper - lower))
+        noise = np.array(pots.noise) * rng.standard_normal(position.shape)
+        read: Array = position * (1.0 + np.array(pots.scale)) + pots.offset + noise
+        return read + pots.linearity * bow
+
     def _follow(self, goal: Array) -> TwinOutput:
-        """Report efforts that act on the joints: the cables of the yaw pull at the pitch."""
+        """Report efforts that act on the joints, and potentiometers, in the joints' positions.
+
+        The cables of the yaw pull at the pitch.
+        """
         output = super()._follow(goal)
         effort = output.effort.copy()
         effort[:, _PITCH] += self.parameters.pulleys.yaw_per_pitch * effort[:, _YAW]
-        return replace(output, effort=effort)
+        zero = self._plant.joint_from_motor @ self._state.encoder_zero
+        read = self._potentiometers(output.measured + zero, self._pot_rng)
+        names = [f"pot/{joint}" for joint in self.robot.joint_names]
+        return replace(output, effort=effort, extra=dict(zip(names, read.T, strict=True)))
 
     def _hardware(self) -> Hardware:
         p, robot, n = self.parameters, self.robot, self.parameters.ON_CABLES

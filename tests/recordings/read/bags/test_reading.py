@@ -489,6 +489,32 @@ def test_two_arms_of_a_dvrk_need_a_word(tmp_path):
     assert read_bag(bags[0], "dvrk_psm").provenance.arm == "psm1"
 
 
+def test_potentiometers_of_a_dvrk_come_from_its_io_topics(tmp_path):
+    joints = ("outer_yaw", "outer_pitch", "outer_insertion", "outer_roll")
+    names = [f"{quantity}/{joint}" for quantity in ("measured", "pot") for joint in joints]
+    rows = {name: np.arange(4.0) + k for k, name in enumerate(names)}
+    one = Recording.from_columns({"t": np.arange(4.0), **rows}, Provenance("dvrk_psm", "psm1"))
+    write_bag(one, tmp_path / "a.bag")
+    pots = "/PSM1/io/pot/measured_js"
+    assert bag_topics(tmp_path / "a.bag")[pots] == (JOINT_STATE, 4)
+    found = read_bag(tmp_path / "a.bag", "dvrk_psm")
+    # Of the joints that an actuator turns alone; discs of the instrument turn the others.
+    assert found.joints_of("pot") == joints[:3]
+    np.testing.assert_array_equal(found["pot"], one["pot"][:, :3])
+    assert found.units["pot/outer_insertion"] == "m"
+    part = Recording.from_columns(one.table.drop(columns="pot/outer_pitch"), one.provenance)
+    write_bag(part, tmp_path / "b.bag")
+    assert pots not in bag_topics(tmp_path / "b.bag")
+    kinds = dict.fromkeys(
+        ("/PSM1/measured_js", "/PSM2/measured_js", "/IO/io_1/PSM1/measured_js",
+         "/IO/io_1/PSM1/pot/measured_js", "/IO/io_2/PSM2/pot/measured_js"), (JOINT_STATE, 4)
+    )  # fmt: skip
+    wiring = find_wiring("a.bag", kinds, get_robot("dvrk_psm", "psm2"))
+    assert (wiring.state, wiring.others, wiring.truth) == (
+        "/PSM2/measured_js", ("/IO/io_2/PSM2/pot/measured_js",), ""
+    )  # fmt: skip
+
+
 def _in_tables(session: Recording, folder: Path) -> Path:
     """A session as SQLite, as ROS 2 did it first."""
     write_bag(session, folder.with_suffix(".mcap"))

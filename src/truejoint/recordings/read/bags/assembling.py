@@ -36,6 +36,7 @@ JOINT_FIELDS: Final = ("position", "velocity", "effort")
 HOMED: Final = "is_homed"
 # Names of CRTK, and of others, that are no joint sensors'.
 _NO_TRUTH: Final = ("measured_js", "setpoint_js", "goal_js", "joint_states", "joint_enc")
+_POT: Final = "/pot/measured_js"
 _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
 
 
@@ -72,7 +73,10 @@ def find_wiring(
     for named in filter(None, (state, truth)):
         require_topic(path, topics, named)
     corrected = f"/{messages.CORRECTED}/"
-    of_robot = {name: about for name, about in topics.items() if corrected not in name}
+    # Of a dVRK's actuators and sensors, not of its joints.
+    of_io = [name for name in topics if chosen.actuators and "/io/" in name.lower()]
+    strangers = {*of_io, *(name for name in topics if corrected in name)}
+    of_robot = {name: about for name, about in topics.items() if name not in strangers}
     state = state or _find_state(path, of_robot, robot, chosen)
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
@@ -88,6 +92,8 @@ def find_wiring(
         here = of_arm == robot.arm if of_arm and robot.arm else near == space
         if kind in messages.OPERATING_STATES and what == "operating_state" and here:
             homed = name
+    pots = (name for name in of_io if name.endswith(_POT) and chosen.arm_of(name) == robot.arm)
+    added += [*pots][:1]
     if truth == "":
         others = {name: about for name, about in of_robot.items() if name not in (state, *added)}
         truth = _find_truth(others)
@@ -241,7 +247,8 @@ def _series_of(
 ) -> dict[str, Series]:
     """Columns of the topics of a wiring, by topic."""
     quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {
-        name: messages.crtk_name(name).partition("_")[0] for name in wiring.others
+        name: "pot" if name.endswith(_POT) else messages.crtk_name(name).partition("_")[0]
+        for name in wiring.others
     }
     series = {name: Series() for name in (*wiring.joints, wiring.homed)}
     for lot in lots:

@@ -99,11 +99,11 @@ def _topics(recording: Recording, profile: messages.Profile) -> Iterator[_Messag
             "runlevel": level.astype(np.int32),
             **messages.raven_state_fields(robot, columns),
         }  # fmt: skip
-    for quantity in ("measured", "setpoint", "truth"):
+    for quantity in ("measured", "setpoint", "pot", "truth"):
         if not (joints := recording.joints_of(quantity)):
             continue
-        is_truth = quantity == "truth"
-        name = messages.TRUTH_TOPIC if is_truth else profile.topic(robot.arm, f"{quantity}_js")
+        own = messages.POT_TOPIC if quantity == "pot" else f"{quantity}_js"
+        name = messages.TRUTH_TOPIC if quantity == "truth" else profile.topic(robot.arm, own)
         rows = ~np.isnan(recording.columns(quantity, joints)).any(axis=1)
         valid = {column: values[rows] for column, values in columns.items()}
         names, fields = messages.joint_state_fields(robot, quantity, name, valid, profile)
