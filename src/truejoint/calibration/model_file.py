@@ -4,8 +4,6 @@ Nothing in a file is ever run. Size, header, shapes and the hash are checked bef
 used.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -13,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple, get_type_hints
 
 import numpy as np
 import safetensors
@@ -64,8 +62,9 @@ _Parts = dict[str, dict[str, Array]]
 
 def _axes(kind: type[Any], usual: str, **others: str) -> _Axes:
     """Axes of the fields of a dataclass, of which numbers are arrays of one."""
-    numbers = {"float": "1", "int": "i"}
-    return {f.name: others.get(f.name, numbers.get(str(f.type), usual)) for f in fields(kind)}
+    numbers = {float: "1", int: "i"}
+    hints = get_type_hints(kind)
+    return {name: others.get(name, numbers.get(hint, usual)) for name, hint in hints.items()}
 
 
 _PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {

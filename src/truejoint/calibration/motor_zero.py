@@ -1,7 +1,5 @@
 """A jaw's zero by its motor side."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -126,7 +124,7 @@ def find_encoder_zero(
 
 
 def motor_zero(
-    calibration: Calibration, recording: Recording, by: Calibration | None = None
+    calibration: "Calibration", recording: "Recording", by: "Calibration | None" = None
 ) -> tuple[Zero, EncoderZero]:
     """Zero of a jaw by its motor side: by how much this homing set the reset encoder's zero wrong.
 

@@ -5,8 +5,6 @@ were read from a bag or arrive one by one. What a robot does differently from CR
 `Profile`, by name, and in nothing else.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence

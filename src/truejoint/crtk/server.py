@@ -1,7 +1,5 @@
 """An arm's CRTK interface on ROS topics, so that any client can be tried against it."""
 
-from __future__ import annotations
-
 import logging
 import math
 import re

@@ -1,7 +1,5 @@
 """What every estimator has: scikit-learn's interface, and a `Family` that runs what it learnt."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -225,7 +223,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Raise CalibrationError for numbers of either that the estimator does not take."""
         self.family.shapes(self.model_params(), n_features, n_outputs)
 
-    def for_recordings(self, _recordings: Sequence[Recording]) -> Self:
+    def for_recordings(self, _recordings: "Sequence[Recording]") -> Self:
         """Unfitted copy that knows what the recordings say of the robot.
 
         Raises CalibrationError when they cannot serve to fit it.
@@ -236,7 +234,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Columns of known loads, 0 where there are none, that `fit` takes as `loads`, (n, k)."""
         return ()
 
-    def for_features(self, _names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
+    def for_features(self, _names: Sequence[str], _robot: "Robot", _joints: Sequence[str]) -> Self:
         """Unfitted copy that knows its features, and the robot's joints that it is to correct.
 
         Raises CalibrationError when these cannot serve it.

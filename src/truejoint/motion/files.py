@@ -1,7 +1,5 @@
 """Trajectory files: CSV with provenance, and the laboratory's three bare columns."""
 
-from __future__ import annotations
-
 import json
 import os
 import warnings

@@ -1,7 +1,5 @@
 """Touching the dimples of a block with a simulated arm, as a person who steers it would."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Every robot by name: truejoint's own, those of other packages, those of files."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Mapping
@@ -64,7 +62,7 @@ def arm_names(name: str) -> tuple[str, ...]:
     return tuple(map(str, arms)) if isinstance(arms, list) else ()
 
 
-def get_robot(name: str | os.PathLike[str] | Robot, arm: str = "") -> Robot:
+def get_robot(name: "str | os.PathLike[str] | Robot", arm: str = "") -> "Robot":
     """Robot arm by name, the same object each time, or of a robot file.
 
     Parameters
@@ -112,7 +110,7 @@ def get_robot(name: str | os.PathLike[str] | Robot, arm: str = "") -> Robot:
     return _build(text.lower(), arm.strip().lower())
 
 
-def robot_of(values: Mapping[str, Any], source: str) -> Robot:
+def robot_of(values: Mapping[str, Any], source: str) -> "Robot":
     """Robot that a file carries by `Robot.to_dict`; no name is made known by it.
 
     A robot of `robot_names` is the one that `get_robot` gives, whose kinematics may be code, with
@@ -152,7 +150,7 @@ def _arms(name: str) -> Mapping[str, str]:
 
 
 @cache
-def _build(name: str, arm: str) -> Robot:
+def _build(name: str, arm: str) -> "Robot":
     from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
     if name in _CODED:

@@ -1,7 +1,5 @@
 """Kinematics of a serial arm in modified Denavit-Hartenberg parameters, compiled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -85,7 +83,7 @@ class SerialChain:
             "the joints are; approach it in smaller steps"
         )
 
-    def up_to(self, joint: int) -> SerialChain:
+    def up_to(self, joint: int) -> "SerialChain":
         """Chain as far as the link that the joint with that place in a joint vector moves.
 
         `forward` and `jacobian` are then of that link. Raises RobotError if the joint moves none.
@@ -123,7 +121,7 @@ class SerialChain:
 
 
 def reach(
-    robot: Robot, points: ArrayLike, seed: ArrayLike, joints: Sequence[str] = ()
+    robot: "Robot", points: ArrayLike, seed: ArrayLike, joints: Sequence[str] = ()
 ) -> tuple[Array, Mask]:
     """Find joint positions (m, n_joints) with the tip at `points` (m, 3) of the base [m].
 

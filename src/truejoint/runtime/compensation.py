@@ -1,7 +1,5 @@
 """One step of the compensator: from where the joints are wanted to set-points of the motors."""
 
-from __future__ import annotations
-
 from math import isfinite, isnan, nan
 from typing import Final
 

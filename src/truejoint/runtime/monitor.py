@@ -6,8 +6,6 @@ worked since it was last compared with the truth. They do not show cables that l
 positions shift, efforts do not. Only the working time stands for that.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -228,7 +226,7 @@ class Monitor:
         watch_rows(self._numbers, self._memory, self._stamp, self._sample, *self._graded)
         return int(self._levels.max())
 
-    def run(self, recording: Recording) -> MonitorTrace:
+    def run(self, recording: "Recording") -> MonitorTrace:
         """Watch a whole recording, from a fresh start; RecordingError if it lacks a signal."""
         as_recorded(recording)
         self.reset()

@@ -1,7 +1,5 @@
 """Interface of every digital twin, and what twins share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from copy import deepcopy
@@ -46,7 +44,7 @@ class TwinOutput(StateBlock):
     truth: TruthBlock
     joint: Array
 
-    def every(self, ticks: int) -> TwinOutput:
+    def every(self, ticks: int) -> "TwinOutput":
         """Keep of `ticks` rows the last one, and all that the joint encoders read."""
         states = self.rows(slice(ticks - 1, None, ticks))
         joint = self.joint[ticks - 1 :: ticks].copy()

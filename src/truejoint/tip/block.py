@@ -3,8 +3,6 @@
 A block of stairs is sized for a robot, and drawn as STL.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

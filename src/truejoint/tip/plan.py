@@ -1,7 +1,5 @@
 """What to touch of a block: the dimples that tell most, and from which sides."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -66,7 +64,7 @@ class Task:
         return stops
 
 
-def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) -> Task:
+def of_model(calibration: "Calibration", pose: BlockPose, *, finds_block: bool) -> Task:
     """Touches that find the zeros of a calibration, by a block whose `pose` is known.
 
     Where they find the block, that is where it is meant to stand. Raises CalibrationError if it is
@@ -82,7 +80,7 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
     return Task(robot, pose, fewest, names, rows, touch.zero_prior(pose, homing))
 
 
-def learning(robot: Robot, pose: BlockPose, prior: Calibration | None = None) -> Task:
+def learning(robot: Robot, pose: BlockPose, prior: "Calibration | None" = None) -> Task:
     """Touches that calibrate an arm without a joint sensor, and find the block with it.
 
     `prior` is a calibration as `calibrate_by_touch` takes it.

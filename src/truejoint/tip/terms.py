@@ -1,7 +1,5 @@
 """Terms by which the joints are corrected, and what is expected of them before any point."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -68,7 +66,7 @@ class Terms:
     widths: Array  # (n_joints, n_widths), half-widths of the plays [rad or m]
 
     @classmethod
-    def of_workspace(cls, robot: Robot) -> Terms:
+    def of_workspace(cls, robot: Robot) -> "Terms":
         """Terms over a robot's workspace; raises CalibrationError where none is known."""
         space = robot.workspace
         if space is None:
@@ -77,7 +75,7 @@ class Terms:
         return cls(space.joints, space.centre, space.extent / 2, scale, widths)
 
     @classmethod
-    def of_motion(cls, recording: Recording, joints: Sequence[str]) -> Terms:
+    def of_motion(cls, recording: Recording, joints: Sequence[str]) -> "Terms":
         """Terms over the way of `joints`; raises CalibrationError if one of them stands still."""
         measured = recording.columns("measured", joints)
         lower, upper = measured.min(axis=0), measured.max(axis=0)
@@ -153,7 +151,7 @@ class Terms:
         """Give the standard deviations (k,) of the coefficients, of one for each kind."""
         return np.array([by_kind[kind] for kind in self.kinds])
 
-    def of_calibration(self, calibration: Calibration, recording: Recording) -> Array:
+    def of_calibration(self, calibration: "Calibration", recording: Recording) -> Array:
         """Coefficients (k,) that correct a recording as a calibration does, as nearly as they can.
 
         Least squares, held by `WIDE` where the motion tells nothing. Raises CalibrationError as
@@ -213,7 +211,7 @@ def wide_priors(terms: Terms) -> list[TermsPrior]:
     return [TermsPrior(nothing, wide * terms.sds(share)) for share in shares]
 
 
-def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> list[TermsPrior]:
+def learned_priors(terms: Terms, known: "Calibration", recording: Recording) -> list[TermsPrior]:
     """Expect what an older calibration of the arm says, within what differs from day to day.
 
     No zero is expected within less than a homing moves it. The later priors expect less. Raises

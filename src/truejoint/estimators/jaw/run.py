@@ -1,7 +1,5 @@
 """What runs of yan2020 for a jaw: the unscented filter, (12)-(25), and least squares, (29)-(30)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from math import nan, sqrt

@@ -15,8 +15,6 @@ motor stands, a difference between the two that changes is a load's doing, or th
 a load has turned round. So what is believed of the difference may then fall, and not grow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import exp, expm1, nan, sqrt
 from typing import Final

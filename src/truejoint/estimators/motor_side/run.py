@@ -4,8 +4,6 @@ Everything is in units of the calibration: the driver's angle ``d`` from the mid
 half ranges, torques in standard deviations of the driver's torque.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -8,8 +8,6 @@ of n sees ``2**n`` updates; it adds what its rectified units give to what it was
 causal convolutions with residual connections: Bai, Kolter and Koltun, arXiv 1803.01271).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Models on plays and low-passes of every feature, and on plays of a forceps' motor and cables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
@@ -127,7 +125,7 @@ class Plays(JointRegressor):
     rows: int = 40_000
     random_state: int | None = None
 
-    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+    def for_features(self, names: Sequence[str], robot: "Robot", joints: Sequence[str]) -> Self:
         """Unfitted copy whose positions and turns are those of the features called so."""
         changed: dict[str, Any] = {}
         if self.couple and self.positions is None:
@@ -274,7 +272,7 @@ def feature_scales(X: Array) -> Arrays:
 
 
 def capstan_turns(
-    names: Sequence[str], robot: Robot, joints: Sequence[str]
+    names: Sequence[str], robot: "Robot", joints: Sequence[str]
 ) -> tuple[tuple[float, ...], ...]:
     """Turn of each joint's capstan by each of the features called `names` [rad over its unit].
 

@@ -10,8 +10,6 @@ Moreau's sweeping process (Journal of Differential Equations 26, 1977) in severa
 joint it is a play. What is eccentric, as a capstan may be, errs once in each of its turns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

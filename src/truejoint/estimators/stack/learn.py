@@ -1,7 +1,5 @@
 """Estimators made of others: a weighted sum, or one after the other, held to a range if asked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -149,7 +147,7 @@ class Stack(JointRegressor):
         for member, places in self._seeing(n_features):
             member.check_shape(len(places), n_outputs)
 
-    def for_recordings(self, recordings: Sequence[Recording]) -> Self:
+    def for_recordings(self, recordings: "Sequence[Recording]") -> Self:
         """Unfitted copy whose members know what the recordings say; raises as they do."""
         return self._of([member.for_recordings(recordings) for member in self._unfitted()])
 
@@ -157,7 +155,7 @@ class Stack(JointRegressor):
         """Columns of known loads that members take, each once."""
         return tuple(dict.fromkeys(n for member in self._unfitted() for n in member.truth_beside()))
 
-    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+    def for_features(self, names: Sequence[str], robot: "Robot", joints: Sequence[str]) -> Self:
         """Unfitted copy whose members know features and joints; raises as they do."""
         seeing = self._seeing(len(names))
         return self._of([m.for_features([names[p] for p in at], robot, joints) for m, at in seeing])

@@ -1,7 +1,5 @@
 """Figures of the pages, as plain values for Plotly: pieces, then errors over time and position."""
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -527,7 +525,7 @@ def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
     return list(zip(evaluation.joints, cycle(PALETTE), places.tolist(), strict=False))
 
 
-def touch_maps(report: TouchReport) -> Iterator[Figure]:
+def touch_maps(report: "TouchReport") -> Iterator[Figure]:
     """Errors over the block before and after, on the scale of each."""
     errors = (("before", report.before), ("after, by fits without it", report.left_out))
     point, left_out = report.fit.rows.point, report.fit.left_out

@@ -1,7 +1,5 @@
 """Self-contained HTML pages: what a calibration is worth, several side by side, and touches."""
 
-from __future__ import annotations
-
 import json
 import re
 from base64 import b64encode
@@ -206,8 +204,8 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
 
 
 def write_touch_report(
-    calibration: Calibration,
-    report: TouchReport,
+    calibration: "Calibration",
+    report: "TouchReport",
     path: str | Path,
     *,
     command: str = "",
@@ -227,7 +225,7 @@ def write_touch_report(
     return write_page(path, render, overwrite=overwrite)
 
 
-def _render_touches(calibration: Calibration, report: TouchReport, command: str) -> str:
+def _render_touches(calibration: "Calibration", report: "TouchReport", command: str) -> str:
     touches, rejected = report.touches, report.fit.left_out
     before, after = (np.linalg.norm(off, axis=1) for off in (report.before, report.left_out))
     rows = []

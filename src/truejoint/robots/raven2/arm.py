@@ -1,7 +1,5 @@
 """RAVEN-II: joints, limits, cable transmission and kinematics of both arms."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Final

@@ -3,8 +3,6 @@
 Facts are from uw-biorobotics/raven2 (branch crtk) unless another source stands beside them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

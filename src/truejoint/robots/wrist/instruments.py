@@ -1,7 +1,5 @@
 """Wristed instruments by model number, as mechanisms of cables."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Mapping

@@ -9,8 +9,6 @@ behind the gear's backlash. The motor loop runs beside it: nothing acts back on 
 gear behind it twists.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
