@@ -199,14 +199,8 @@ class Monitor:
         return Reason(int(_bits(self._levels)))
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget everything seen, also how long the arm has worked: it was checked or re-zeroed."""
         self._numbers[:], self._memory[:] = self._begun
-
-    def compared_with_truth(self) -> None:
-        """Start the working time anew: the arm was checked or re-zeroed."""
-        self._memory[WORKED] = 0.0
-        self.measures[WORK] = 0.0
-        self._levels[WORK] = 0
 
     def step(self, t: float, sample: ArrayLike) -> int:
         """Take one `sample` (n_signals,), taken at `t` [s]; returns the `Alarm`.
