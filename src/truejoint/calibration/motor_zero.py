@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from truejoint.array_types import Array
-from truejoint.calibration.calibration import as_calibration
+from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
@@ -17,11 +17,7 @@ from truejoint.estimators.jaw.learn import reversals
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.estimators.registry import name_of
-
-if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
-    from truejoint.recordings import Recording
-
+from truejoint.recordings import Recording
 
 LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
 SHOWN: Final = 2.0  # deviations that a shift must have to be one
@@ -124,7 +120,7 @@ def find_encoder_zero(
 
 
 def motor_zero(
-    calibration: "Calibration", recording: "Recording", by: "Calibration | None" = None
+    calibration: Calibration, recording: Recording, by: Calibration | None = None
 ) -> tuple[Zero, EncoderZero]:
     """Zero of a jaw by its motor side: by how much this homing set the reset encoder's zero wrong.
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import joblib
 import numpy as np
@@ -19,11 +19,9 @@ from truejoint.estimators import registry
 from truejoint.estimators.family import EstimatorData, Family, evaluate
 from truejoint.estimators.rules import Params, Rule, check_rules
 from truejoint.layout import Memory
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
 from truejoint.threads import one_thread
-
-if TYPE_CHECKING:
-    from truejoint.recordings import Recording
-    from truejoint.robots import Robot
 
 Arrays = dict[str, Array]
 Flags = NDArray[np.bool_]
@@ -223,7 +221,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Raise CalibrationError for numbers of either that the estimator does not take."""
         self.family.shapes(self.model_params(), n_features, n_outputs)
 
-    def for_recordings(self, _recordings: "Sequence[Recording]") -> Self:
+    def for_recordings(self, _recordings: Sequence[Recording]) -> Self:
         """Unfitted copy that knows what the recordings say of the robot.
 
         Raises CalibrationError when they cannot serve to fit it.
@@ -234,7 +232,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Columns of known loads, 0 where there are none, that `fit` takes as `loads`, (n, k)."""
         return ()
 
-    def for_features(self, _names: Sequence[str], _robot: "Robot", _joints: Sequence[str]) -> Self:
+    def for_features(self, _names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
         """Unfitted copy that knows its features, and the robot's joints that it is to correct.
 
         Raises CalibrationError when these cannot serve it.

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration.calibration import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.robots.chain import reach
 from truejoint.robots.robot import Robot
@@ -14,9 +15,6 @@ from truejoint.tip import touch
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipPrior, TipRows, whiten_rows
 from truejoint.tip.terms import LEFT, Terms, spread_of, wide_priors
-
-if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
 
 STAND_SD: Final = (0.1, 0.02)
 """How far a block stands from where it is meant to [rad, m]."""
@@ -64,7 +62,7 @@ class Task:
         return stops
 
 
-def of_model(calibration: "Calibration", pose: BlockPose, *, finds_block: bool) -> Task:
+def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) -> Task:
     """Touches that find the zeros of a calibration, by a block whose `pose` is known.
 
     Where they find the block, that is where it is meant to stand. Raises CalibrationError if it is
@@ -80,7 +78,7 @@ def of_model(calibration: "Calibration", pose: BlockPose, *, finds_block: bool) 
     return Task(robot, pose, fewest, names, rows, touch.zero_prior(pose, homing))
 
 
-def learning(robot: Robot, pose: BlockPose, prior: "Calibration | None" = None) -> Task:
+def learning(robot: Robot, pose: BlockPose, prior: Calibration | None = None) -> Task:
     """Touches that calibrate an arm without a joint sensor, and find the block with it.
 
     `prior` is a calibration as `calibrate_by_touch` takes it.

@@ -3,20 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.compatibility import check_columns
 from truejoint.errors import CalibrationError
 from truejoint.estimators.polynomial.run import polynomial_factors
 from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
-
-if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
 
 WIDTHS: Final = (1e-3, 5e-3, 2e-2)
 """Half-widths of each joint's plays for touches, as shares of its workspace."""
@@ -151,7 +149,7 @@ class Terms:
         """Give the standard deviations (k,) of the coefficients, of one for each kind."""
         return np.array([by_kind[kind] for kind in self.kinds])
 
-    def of_calibration(self, calibration: "Calibration", recording: Recording) -> Array:
+    def of_calibration(self, calibration: Calibration, recording: Recording) -> Array:
         """Coefficients (k,) that correct a recording as a calibration does, as nearly as they can.
 
         Least squares, held by `WIDE` where the motion tells nothing. Raises CalibrationError as
@@ -211,7 +209,7 @@ def wide_priors(terms: Terms) -> list[TermsPrior]:
     return [TermsPrior(nothing, wide * terms.sds(share)) for share in shares]
 
 
-def learned_priors(terms: Terms, known: "Calibration", recording: Recording) -> list[TermsPrior]:
+def learned_priors(terms: Terms, known: Calibration, recording: Recording) -> list[TermsPrior]:
     """Expect what an older calibration of the arm says, within what differs from day to day.
 
     No zero is expected within less than a homing moves it. The later priors expect less. Raises

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -26,9 +26,7 @@ from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.polynomial.run import interaction_factors, of_degree
 from truejoint.estimators.rules import Params, Rule
 from truejoint.estimators.stack.learn import Stack
-
-if TYPE_CHECKING:
-    from truejoint.robots import Robot
+from truejoint.robots import Robot
 
 JAW_PENALTY: Final = 1e-5
 _FIRST_REACH: Final = 0.1  # half-width of each play where the search starts, in half ranges
@@ -125,7 +123,7 @@ class Plays(JointRegressor):
     rows: int = 40_000
     random_state: int | None = None
 
-    def for_features(self, names: Sequence[str], robot: "Robot", joints: Sequence[str]) -> Self:
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose positions and turns are those of the features called so."""
         changed: dict[str, Any] = {}
         if self.couple and self.positions is None:
@@ -272,7 +270,7 @@ def feature_scales(X: Array) -> Arrays:
 
 
 def capstan_turns(
-    names: Sequence[str], robot: "Robot", joints: Sequence[str]
+    names: Sequence[str], robot: Robot, joints: Sequence[str]
 ) -> tuple[tuple[float, ...], ...]:
     """Turn of each joint's capstan by each of the features called `names` [rad over its unit].
 

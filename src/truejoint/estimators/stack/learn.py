@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +18,8 @@ from truejoint.estimators.polynomial.learn import Polynomial
 from truejoint.estimators.rules import ANYTHING, LARGEST, RANDOM_STATE, Params, Rule
 from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
-
-if TYPE_CHECKING:
-    from truejoint.recordings import Recording
-    from truejoint.robots import Robot
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
 
 Places = Sequence[int]
 
@@ -147,7 +145,7 @@ class Stack(JointRegressor):
         for member, places in self._seeing(n_features):
             member.check_shape(len(places), n_outputs)
 
-    def for_recordings(self, recordings: "Sequence[Recording]") -> Self:
+    def for_recordings(self, recordings: Sequence[Recording]) -> Self:
         """Unfitted copy whose members know what the recordings say; raises as they do."""
         return self._of([member.for_recordings(recordings) for member in self._unfitted()])
 
@@ -155,7 +153,7 @@ class Stack(JointRegressor):
         """Columns of known loads that members take, each once."""
         return tuple(dict.fromkeys(n for member in self._unfitted() for n in member.truth_beside()))
 
-    def for_features(self, names: Sequence[str], robot: "Robot", joints: Sequence[str]) -> Self:
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose members know features and joints; raises as they do."""
         seeing = self._seeing(len(names))
         return self._of([m.for_features([names[p] for p in at], robot, joints) for m, at in seeing])

@@ -5,7 +5,7 @@ import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle, pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,9 @@ from truejoint.evaluation.results import (
 from truejoint.evaluation.score_tables import worst_first
 from truejoint.recordings.table.stream import gaps
 from truejoint.tables import fixed, shown
+from truejoint.tip import TouchReport
 from truejoint.toml_file import shipped_table
 from truejoint.units import DisplayUnit, display_unit
-
-if TYPE_CHECKING:
-    from truejoint.tip import TouchReport
 
 Spec = dict[str, Any]
 Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves
@@ -525,7 +523,7 @@ def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
     return list(zip(evaluation.joints, cycle(PALETTE), places.tolist(), strict=False))
 
 
-def touch_maps(report: "TouchReport") -> Iterator[Figure]:
+def touch_maps(report: TouchReport) -> Iterator[Figure]:
     """Errors over the block before and after, on the scale of each."""
     errors = (("before", report.before), ("after, by fits without it", report.left_out))
     point, left_out = report.fit.rows.point, report.fit.left_out

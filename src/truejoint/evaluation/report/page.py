@@ -11,7 +11,7 @@ from hashlib import sha256
 from importlib.resources import files
 from itertools import combinations, cycle, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import jinja2
 import numpy as np
@@ -19,6 +19,7 @@ from pandas import DataFrame
 
 from truejoint import drawing
 from truejoint._version import __version__, versions
+from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
@@ -34,11 +35,8 @@ from truejoint.evaluation.results import (
 )
 from truejoint.evaluation.scoring import WINDOW
 from truejoint.files import check_target, write_atomically
+from truejoint.tip import TouchReport
 from truejoint.units import with_unit
-
-if TYPE_CHECKING:
-    from truejoint.calibration import Calibration
-    from truejoint.tip import TouchReport
 
 _POLICY: Final = "script-src 'self'"  # as the template has it
 _SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)
@@ -204,8 +202,8 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
 
 
 def write_touch_report(
-    calibration: "Calibration",
-    report: "TouchReport",
+    calibration: Calibration,
+    report: TouchReport,
     path: str | Path,
     *,
     command: str = "",
@@ -225,7 +223,7 @@ def write_touch_report(
     return write_page(path, render, overwrite=overwrite)
 
 
-def _render_touches(calibration: "Calibration", report: "TouchReport", command: str) -> str:
+def _render_touches(calibration: Calibration, report: TouchReport, command: str) -> str:
     touches, rejected = report.touches, report.fit.left_out
     before, after = (np.linalg.norm(off, axis=1) for off in (report.before, report.left_out))
     rows = []
