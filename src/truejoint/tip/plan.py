@@ -116,7 +116,8 @@ def reachable(robot: Robot, pose: BlockPose) -> tuple[tuple[str, ...], Array]:
     seed = robot.home.copy()
     if robot.workspace is not None:
         seed[robot.index(robot.workspace.joints)] = robot.workspace.centre
-    joint, there = reach(robot, goal, seed)
+    chain, columns = robot.known_kinematics("points of the tool"), robot.index(robot.positioning)
+    joint, there = reach(chain, columns, goal, seed)
     there &= ((joint >= robot.lower) & (joint <= robot.upper)).all(axis=1)
     if not there.any():
         raise CalibrationError(f"all dimples of {pose.title} are out of reach; move the block")
