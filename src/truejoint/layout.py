@@ -19,7 +19,7 @@ declared by           reached by
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
@@ -94,6 +94,10 @@ class Layout:
     def at(self, name: str) -> int:
         """Index of a field, for kernels."""
         return Index(self.fields[name].index)
+
+    def places(self, names: str) -> Iterator[int]:
+        """Give the indices of fields, for kernels; their names stand with blanks between them."""
+        return map(self.at, names.split())
 
     def add(
         self, name: str, kind: Kind, meaning: str, *shape: str | int, is_time: bool = False

@@ -54,9 +54,7 @@ SHIFT, FRICTION, RANGE, WORK = 0, 1, 2, 3
 N_MEASURES: Final = 4
 
 LAYOUT: Final = Layout().declare(__package__, "monitor", N_MEASURES=N_MEASURES, N_TRAVEL=N_TRAVEL)
-HAS_LAST, OUTSIDE, WORKED, LAST, LAST_STEP = map(
-    LAYOUT.at, ("has_last", "outside", "worked", "last", "last_step")
-)
+HAS_LAST, OUTSIDE, WORKED, LAST, LAST_STEP = LAYOUT.places("has_last outside worked last last_step")
 unpack = LAYOUT.unpacker()
 
 _CHECK: Final = np.array([1.0, 1.0, 0.1, 1.0])

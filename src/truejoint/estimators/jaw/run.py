@@ -179,7 +179,7 @@ class ForcepsModel(SimpleNamespace):
 
 
 LAYOUT: Final = filter_layout().declare(__package__, "error", "filter", COEFFICIENTS=COEFFICIENTS)
-LAST_MOTOR, LAST_RESET = map(LAYOUT.at, ("motor", "reset"))
+LAST_MOTOR, LAST_RESET = LAYOUT.places("motor reset")
 unpack = LAYOUT.unpacker()
 
 

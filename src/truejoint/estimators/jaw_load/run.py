@@ -295,7 +295,7 @@ FAMILY: Final = Family(
 )
 
 GATED_LAYOUT: Final = Layout().declare(__package__, "gated")
-BELIEVED, RESET_PART, BOTH_PART = map(GATED_LAYOUT.at, ("believed", "reset", "both"))
+BELIEVED, RESET_PART, BOTH_PART = GATED_LAYOUT.places("believed reset both")
 unpack_gated = GATED_LAYOUT.unpacker()
 
 DOUBT: Final = 0.5

@@ -203,7 +203,7 @@ def elastic_prior(arrays: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 LAYOUT: Final = at.filter_layout().declare(__package__, "filter")
-LAST, BESIDE = map(LAYOUT.at, ("last", "torque"))
+LAST, BESIDE = LAYOUT.places("last torque")
 unpack = LAYOUT.unpacker()
 
 

@@ -220,7 +220,7 @@ GRU: Final = Family(
 )
 
 TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "convolution")
-TCN_ELAPSED, COUNT = map(TCN_LAYOUT.at, ("elapsed", "count"))
+TCN_ELAPSED, COUNT = TCN_LAYOUT.places("elapsed count")
 unpack_tcn = TCN_LAYOUT.unpacker()
 
 

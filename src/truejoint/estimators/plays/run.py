@@ -49,7 +49,7 @@ the drive cable.
 JAW_SIGNALS: Final = (MOTOR, DRIVE, RESET)
 
 LAYOUT: Final = Layout().declare(__package__, "plays")
-ROW, MODEL = map(LAYOUT.at, ("row", "model"))
+ROW, MODEL = LAYOUT.places("row model")
 unpack = LAYOUT.unpacker()
 
 
