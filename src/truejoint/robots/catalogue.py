@@ -26,7 +26,7 @@ _CODED: Final[Mapping[str, Mapping[str, str]]] = {
     "raven2": {"": "left", "left": "left", "gold": "left", "right": "right", "green": "right"},
     "wrist": {},  # its arms are the instruments of a file
 }
-"""Robots whose kinematics are compiled: arm by every name it goes by. The package of that name,
+"""Robots of which a part is computed: arm by every name it goes by. The package of that name,
 imported when first asked for, has a `build` that takes an arm."""
 _OWN: Final = (*_CODED, *sorted(f.name.removesuffix(".toml") for f in _MODELS.iterdir()))
 
@@ -141,7 +141,7 @@ def robot_of(values: Mapping[str, Any], source: str) -> "Robot":
 
 @cache
 def _arms(name: str) -> Mapping[str, str]:
-    """Arm of a robot whose kinematics are compiled, by every name it goes by."""
+    """Arm of a robot of which a part is computed, by every name it goes by."""
     if _CODED[name]:
         return _CODED[name]
     text = files(__package__).joinpath(name, INSTRUMENTS).read_text(encoding="utf-8")
