@@ -130,7 +130,7 @@ def joints_at(tip: Array) -> Array:
     """Joints (m, 7) that take the tip to points (m, 3) of the base [m]."""
     seed = ROBOT.home.copy()
     seed[:3] = SPACE.centre
-    joint, there = reach(ROBOT, tip, seed)
+    joint, there = reach(ROBOT.kinematics, [0, 1, 2], tip, seed)
     assert there.all()
     return joint
 

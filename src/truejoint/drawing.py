@@ -1,7 +1,5 @@
 """Figures as data: curves and boxes in panels, three plots of tidy rows, and still pictures."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -100,7 +98,7 @@ class Figure:
 
 
 def ecdf(
-    frame: DataFrame,
+    frame: "DataFrame",
     value: str,
     by: str,
     *,
@@ -130,7 +128,7 @@ def ecdf(
     return Panel(curves, **{"y": "share of rows [%]", **panel})
 
 
-def by_condition(frame: DataFrame, condition: str, value: str, by: str, **panel: Any) -> Panel:
+def by_condition(frame: "DataFrame", condition: str, value: str, by: str, **panel: Any) -> Panel:
     """Plot medians of `value` against numbers of a `condition`, a curve for each `by`.
 
     The other parameters are those of `ecdf`.
@@ -150,7 +148,7 @@ def by_condition(frame: DataFrame, condition: str, value: str, by: str, **panel:
 
 
 def box_plot(
-    frame: DataFrame,
+    frame: "DataFrame",
     condition: str,
     value: str,
     by: str,
@@ -181,8 +179,8 @@ def box_plot(
 
 
 def _groups(
-    frame: DataFrame, by: str, colours: Mapping[Any, str] | None
-) -> Iterator[tuple[str, str, DataFrame]]:
+    frame: "DataFrame", by: str, colours: Mapping[Any, str] | None
+) -> "Iterator[tuple[str, str, DataFrame]]":
     """Label, colour and rows for each value of a column, in the order of the frame."""
     for (key, group), colour in zip(frame.groupby(by, sort=False), cycle(PALETTE), strict=False):
         yield str(key), (colours or {}).get(key, colour), group
@@ -230,7 +228,7 @@ def _axes(figure: Figure, module: str, name: str) -> Any:
     return axes
 
 
-def _draw(panel: Panel, axis: Axes) -> None:
+def _draw(panel: Panel, axis: "Axes") -> None:
     ticker = require("matplotlib.ticker", "plots", "a figure")
     for curve in panel.curves:
         look: dict[str, Any] = {"color": curve.colour, "lw": curve.width, "ms": 4}
@@ -260,7 +258,7 @@ def _draw(panel: Panel, axis: Axes) -> None:
         axis.legend(loc="upper left", fontsize=7)
 
 
-def _draw_box(box: Box, axis: Axes) -> None:
+def _draw_box(box: Box, axis: "Axes") -> None:
     lines = {key: {"color": box.colour} for key in ("medianprops", "whiskerprops", "capprops")}
     look: dict[str, Any] = lines | {
         "boxprops": {"facecolor": "none", "edgecolor": box.colour},

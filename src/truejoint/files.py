@@ -1,7 +1,5 @@
 """Files: written whole or not at all, known by a hash of what they hold, read within bounds."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json
@@ -111,7 +109,7 @@ def free_name(path: Path, word: str) -> Path:
     return free
 
 
-def content_hash(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+def content_hash(description: Mapping[str, Any], arrays: "Mapping[str, Array]") -> str:
     """SHA-256 over JSON values and float64 arrays with names and shapes, hexadecimal.
 
     Of what a file says, not of its bytes: compressed in another way it is the same. Raises
@@ -126,7 +124,7 @@ def content_hash(description: Mapping[str, Any], arrays: Mapping[str, Array]) ->
 
 
 def is_as_written(
-    digest: object, description: Mapping[str, Any], arrays: Mapping[str, Array]
+    digest: object, description: Mapping[str, Any], arrays: "Mapping[str, Array]"
 ) -> bool:
     """Whether `digest` is the hash of this content."""
     try:

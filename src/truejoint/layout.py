@@ -18,10 +18,8 @@ declared by           reached by
 ====================  ===========================================================
 """
 
-from __future__ import annotations
-
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
@@ -97,6 +95,10 @@ class Layout:
         """Index of a field, for kernels."""
         return Index(self.fields[name].index)
 
+    def places(self, names: str) -> Iterator[int]:
+        """Give the indices of fields, for kernels; their names stand with blanks between them."""
+        return map(self.at, names.split())
+
     def add(
         self, name: str, kind: Kind, meaning: str, *shape: str | int, is_time: bool = False
     ) -> int:
@@ -126,7 +128,7 @@ class Layout:
         fields = (f for f in self.fields.values() if f.shape or f.kind in ("integer", "scalar"))
         return unpacker(tuple((f.name, f.kind, f.index, f.shape) for f in fields))
 
-    def pack(self, functions: Mapping[str, Any] | None = None, /, **values: Any) -> Memory:
+    def pack(self, functions: Mapping[str, Any] | None = None, /, **values: Any) -> "Memory":
         """Lay values out, by the names of their fields; `functions` stand at the addresses.
 
         A value is a number (or an array of one), an array_like of one or two dimensions, or the
@@ -212,7 +214,7 @@ class Memory:
     numbers: Integers
     memory: Array
     shapes: Mapping[str, tuple[int, ...]] = field(repr=False)  # of arrays of floats and integers
-    parts: Mapping[str, Memory] = field(repr=False)  # as before they were copied into this one
+    parts: "Mapping[str, Memory]" = field(repr=False)  # as before they were copied into this one
     functions: Mapping[str, Any] = field(repr=False)  # what stands at each address
 
     def view(self, name: str) -> Any:
@@ -222,7 +224,7 @@ class Memory:
         source: Any = self.memory if kind == "array" else self.numbers
         return source[start : start + int(np.prod(shape))].reshape(shape)
 
-    def part(self, *names: str) -> Memory:
+    def part(self, *names: str) -> "Memory":
         """Part, of a part and so on if there are several `names`, that shares this memory."""
         part = self
         for name in names:
@@ -237,7 +239,7 @@ class Memory:
 
     __reduce__ = refuse_copy
 
-    def copy(self) -> Memory:
+    def copy(self) -> "Memory":
         """Give the same with arrays of its own."""
         return replace(self, numbers=self.numbers.copy(), memory=self.memory.copy())
 

@@ -1,7 +1,5 @@
 """Robots, formats, estimators and models of other installed packages, by name."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable
 from functools import cache
@@ -16,7 +14,7 @@ Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators",
 
 
 @cache
-def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
+def plugins(group: Group, taken: tuple[str, ...] = ()) -> "dict[str, EntryPoint]":
     """Entry points of a group by name, none of them loaded yet.
 
     Without the names that two packages claim, or that are `taken` by truejoint's own; a warning
@@ -42,7 +40,7 @@ def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
     return usable
 
 
-def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
+def load_plugin(point: "EntryPoint", kinds: type | tuple[type, ...]) -> Any:
     """Load what an entry point names.
 
     Raises TruejointError, with package and cause, if it cannot be imported or is none of `kinds`.
@@ -55,7 +53,7 @@ def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
 
 
 def call_plugin(
-    point: EntryPoint, function: Callable[..., Any], *arguments: Any, **named: Any
+    point: "EntryPoint", function: Callable[..., Any], *arguments: Any, **named: Any
 ) -> Any:
     """Call `function` of the package behind an entry point, which may raise anything.
 
@@ -73,10 +71,10 @@ def call_plugin(
         ) from None
 
 
-def origin(point: EntryPoint) -> str:
+def origin(point: "EntryPoint") -> str:
     """Group, name and package of an entry point, for a message."""
     return f"{point.group} {point.name!r} of package {_package(point)}"
 
 
-def _package(point: EntryPoint) -> str:
+def _package(point: "EntryPoint") -> str:
     return point.dist.name if point.dist is not None else point.value

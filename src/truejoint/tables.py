@@ -1,7 +1,5 @@
 """Numbers and tables as people read them: digits, one cell rule, a table for terminal and page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -88,7 +86,7 @@ def median_text(values: Array, decimals: int = 2) -> str:
     return f"{middle} ({largest})"
 
 
-def csv_text(frame: DataFrame) -> str:
+def csv_text(frame: "DataFrame") -> str:
     r"""CSV of a table in which no text is a formula to a spreadsheet.
 
     A text that begins like one gets an apostrophe before it; all are `printable`.

@@ -4,6 +4,7 @@ public functions, messages of ROS, frames of the monitor's socket.
 A case is a number and a seed: the same two give the same case.
 """
 
+import ast
 import contextlib
 import gzip
 import inspect
@@ -16,6 +17,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import textwrap
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -301,6 +303,17 @@ def value_of(annotation: str) -> Callable[[Draw], Any] | None:
 
 
 @cache
+def draws_of(function: Callable[..., Any]) -> dict[str, tuple[Callable[[Draw], Any] | None, bool]]:
+    """How each parameter is drawn, by its annotation in the source, and whether it is needed."""
+    (source,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+    assert isinstance(source, ast.FunctionDef)
+    arguments = [*source.args.posonlyargs, *source.args.args, *source.args.kwonlyargs]
+    kinds = {a.arg: ast.unparse(a.annotation).strip("'") for a in arguments if a.annotation}
+    parameters = inspect.signature(function).parameters.values()
+    return {p.name: (value_of(kinds.get(p.name, "")), p.default is p.empty) for p in parameters}
+
+
+@cache
 def functions() -> dict[str, Callable[..., Any]]:
     """Public functions that take what can be drawn, by name."""
     found = {}
@@ -309,11 +322,9 @@ def functions() -> dict[str, Callable[..., Any]]:
         owner = getattr(truejoint, module) if module else truejoint
         for name in dir(owner):
             function = getattr(owner, name)
-            if inspect.isfunction(function) and function.__module__.startswith("truejoint"):
-                parameters = inspect.signature(function).parameters.values()
-                needed = [str(p.annotation) for p in parameters if p.default is p.empty]
-                if all(map(value_of, needed)):
-                    found[f"{function.__module__}.{name}"] = function
+            own = inspect.isfunction(function) and function.__module__.startswith("truejoint")
+            if own and all(how or not needed for how, needed in draws_of(function).values()):
+                found[f"{function.__module__}.{name}"] = function
     return found
 
 
@@ -323,10 +334,9 @@ def function_case(draw: Draw) -> tuple[str, Callable[[], None]]:
     function = functions()[name]
     draw.covered.add(f"function {name}")
     values = {}
-    for parameter in inspect.signature(function).parameters.values():
-        how = value_of(str(parameter.annotation))
-        if how and (parameter.default is parameter.empty or draw.chance(0.3)):
-            values[parameter.name] = how(draw)
+    for parameter, (how, needed) in draws_of(function).items():
+        if how and (needed or draw.chance(0.3)):
+            values[parameter] = how(draw)
 
     def case() -> None:
         refused = TruejointError, TypeError, ValueError

@@ -9,7 +9,8 @@ from tests.local_ros import LocalRos
 from truejoint.crtk.messages import PROFILES, TRUTH_TOPIC, joint_state_columns
 from truejoint.recordings.joint_encoders import EncoderNode, JointEncoders
 from truejoint.robots import get_robot
-from truejoint.robots.raven2.hardware import JOINT_ENCODERS
+
+JOINT_ENCODERS = get_robot("raven2").encoders
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.joint_encoders import JointEncoders
-from truejoint.robots.raven2.hardware import JOINT_ENCODERS
+from truejoint.robots import get_robot
+
+JOINT_ENCODERS = get_robot("raven2").encoders
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 

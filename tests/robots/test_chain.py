@@ -124,7 +124,7 @@ def test_the_tip_is_where_it_was_wanted(name):
     columns = robot.index(robot.positioning)
     there[:, columns[:2]] += rng.uniform(-0.2, 0.2, (5, 2))
     points = robot.kinematics.forward(there)[:, :3, 3]
-    joint, reached = reach(robot, points, seed, robot.positioning[:3])
+    joint, reached = reach(robot.kinematics, columns[:3], points, seed)
     assert reached.all()
     assert robot.kinematics.forward(joint)[:, :3, 3] == pytest.approx(points, abs=2e-9)
     still = [k for k in range(len(seed)) if k not in columns[:3]]
@@ -135,7 +135,8 @@ def test_points_out_of_reach_and_unknown_geometry_are_told():
     robot = get_robot("raven2")
     near = robot.kinematics.forward(robot.home)[:3, 3]
     shoulder_axis = np.array([0.0, 0.0, 0.1])
-    _, reached = reach(robot, [near, shoulder_axis], robot.home)
+    columns = robot.index(robot.positioning)
+    _, reached = reach(robot.kinematics, columns, [near, shoulder_axis], robot.home)
     assert reached.tolist() == [True, False]
     with pytest.raises(RobotError, match="kinematics of davinci_grasper"):
-        reach(get_robot("davinci_grasper"), [near], [0.0])
+        get_robot("davinci_grasper").known_kinematics("points")

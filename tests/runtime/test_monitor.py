@@ -127,12 +127,12 @@ def test_samples_far_outside_the_trained_range_raise_it(calibration):
     assert first == pytest.approx(60 * math.log(10 / 9), abs=0.1)
 
 
-def test_working_time_counts_motion_and_starts_anew_when_compared(calibration):
+def test_working_time_counts_motion_and_starts_anew_at_a_reset(calibration):
     monitor = Monitor(calibration, working_time=100.0)
     trace = monitor.run(motion(7, duration=150.0))
     assert first_alarm(trace) == pytest.approx(100.0, abs=3.0)
     assert trace.reasons[-1] == Reason.WORK
-    monitor.compared_with_truth()
+    monitor.reset()
     assert monitor.alarm == Alarm.NONE
     assert monitor.step(151.0, samples_of(motion(7), calibration.signals)[0]) == Alarm.NONE
 

@@ -4,8 +4,6 @@ Errors of models on folds that their fits did not use stand in one table, which 
 fills; the choice and its weights are functions of it.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Conditions of a recording, such as how fast each joint moves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +33,7 @@ class Condition:
     slope: _Number = math.nan
 
 
-def conditions_of(recording: Recording, joints: Sequence[str]) -> tuple[Condition, ...]:
+def conditions_of(recording: "Recording", joints: Sequence[str]) -> tuple[Condition, ...]:
     """Conditions of a recording, for each of `joints`."""
     every = max(1, round(SPEED_TIME / float(np.median(np.diff(recording.t)))))
     conditions = []

@@ -1,7 +1,5 @@
 """Intervals of whole trajectories, or of parts of those of the fit, and whether they hold."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What the training rows looked like: the measure by which a control loop judges its samples."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -53,7 +51,7 @@ class TrainingDomain:
 
 
 def fit_training_domain(
-    recordings: Sequence[Recording],
+    recordings: "Sequence[Recording]",
     signals: Sequence[str],
     gap_limit: float,
     features: Array,
@@ -111,8 +109,8 @@ def fit_training_domain(
 
 
 def resting_features(
-    recordings: Sequence[Recording],
-    feature_set: FeatureSet,
+    recordings: "Sequence[Recording]",
+    feature_set: "FeatureSet",
     joints: Sequence[str],
     units: Mapping[str, str],
 ) -> Mask:

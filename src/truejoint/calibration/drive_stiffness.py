@@ -1,7 +1,5 @@
 """Stiffness of a jaw's drive cable by known weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final

@@ -1,7 +1,5 @@
 """What a robot would report of true positions: a calibration turned round, for simulators."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Fit a calibration to recordings that hold the true joint positions."""
 
-from __future__ import annotations
-
 import hashlib
 import platform
 import time

@@ -1,7 +1,5 @@
 """What an estimator is to learn from recordings: their rows, zeros taken off these, and the fit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a fit does not see in turn: whole recordings, or parts of one with a gap around them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

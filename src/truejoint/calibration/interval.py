@@ -1,7 +1,5 @@
 """How far off a corrected position may be: half-widths that a model file carries."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from numbers import Real

@@ -1,7 +1,5 @@
 """A calibration of few seconds, by models of instruments of the same kind."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final

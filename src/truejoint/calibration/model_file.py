@@ -4,8 +4,6 @@ Nothing in a file is ever run. Size, header, shapes and the hash are checked bef
 used.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -13,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple, get_type_hints
 
 import numpy as np
 import safetensors
 import safetensors.numpy
 
-from truejoint import schema
+from truejoint import files, schema
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, Fit, as_calibration
 from truejoint.calibration.domain import TrainingDomain
@@ -32,13 +30,6 @@ from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError, other_kind
 from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
-from truejoint.files import (
-    canonical_json,
-    content_hash,
-    is_as_written,
-    read_small,
-    write_atomically,
-)
 from truejoint.robots.catalogue import robot_of
 from truejoint.schema import Bounds, Length, Pattern, Shape
 
@@ -65,8 +56,9 @@ _Parts = dict[str, dict[str, Array]]
 
 def _axes(kind: type[Any], usual: str, **others: str) -> _Axes:
     """Axes of the fields of a dataclass, of which numbers are arrays of one."""
-    numbers = {"float": "1", "int": "i"}
-    return {f.name: others.get(f.name, numbers.get(str(f.type), usual)) for f in fields(kind)}
+    numbers = {float: "1", int: "i"}
+    hints = get_type_hints(kind)
+    return {name: others.get(name, numbers.get(hint, usual)) for name, hint in hints.items()}
 
 
 _PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {
@@ -179,7 +171,7 @@ def write_calibration(
         from_bytes(data)
     except ModelFileError as error:
         raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
-    write_atomically(
+    files.write_atomically(
         path, lambda part: part.write_bytes(data), overwrite=overwrite, error=ModelFileError
     )
 
@@ -203,7 +195,7 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     if not isinstance(path, str | os.PathLike):
         raise ModelFileError(other_kind(path, "path", "give that of a model file"))
     path = Path(path)
-    content = read_small(path, ModelFileError, MAX_FILE_BYTES, "a model")
+    content = files.read_small(path, ModelFileError, MAX_FILE_BYTES, "a model")
     try:
         description, arrays = from_bytes(content)
     except ModelFileError as error:
@@ -408,8 +400,8 @@ def to_bytes(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> byt
     """Bytes of a model file; the same for the same model."""
     arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in arrays.items()}
     versioned = {**description, "format": FORMAT_VERSION}
-    signed = {**versioned, "sha256": content_hash(versioned, arrays)}
-    return bytes(safetensors.numpy.save(arrays, metadata={_KEY: canonical_json(signed)}))
+    signed = {**versioned, "sha256": files.content_hash(versioned, arrays)}
+    return bytes(safetensors.numpy.save(arrays, metadata={_KEY: files.canonical_json(signed)}))
 
 
 def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -448,7 +440,7 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
         if array.dtype != np.float64 or array.ndim not in (1, 2):
             raise ModelFileError(f"tensor {name!r:.60} has a wrong type or shape; {_DAMAGED}")
     digest = description.pop("sha256", None)
-    if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
+    if not files.is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
         raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
     return description, {name: np.array(array) for name, array in arrays.items()}
 

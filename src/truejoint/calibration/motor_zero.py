@@ -1,17 +1,15 @@
 """A jaw's zero by its motor side."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from truejoint.array_types import Array
-from truejoint.calibration.calibration import as_calibration
+from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
@@ -19,11 +17,7 @@ from truejoint.estimators.jaw.learn import reversals
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.estimators.registry import name_of
-
-if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
-    from truejoint.recordings import Recording
-
+from truejoint.recordings import Recording
 
 LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
 SHOWN: Final = 2.0  # deviations that a shift must have to be one

@@ -1,7 +1,5 @@
 """What a calibration was made from: its recordings, its zeros, the rate of its samples."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
@@ -48,7 +46,7 @@ class Session:
     """Stamps [s] of some rows, and sums of their positions; none where `sha256` tells."""
 
     @classmethod
-    def of(cls, recording: Recording, **others: object) -> Session:
+    def of(cls, recording: "Recording", **others: object) -> "Session":
         """Remember a recording; `others` are other fields."""
         origin = recording.provenance.to_dict()
         names = ("source", "sha256", "session", "homing_id", "start")
@@ -63,7 +61,7 @@ class Session:
             **others,  # type: ignore[arg-type]
         )
 
-    def overlaps(self, recording: Recording) -> bool:
+    def overlaps(self, recording: "Recording") -> bool:
         """Whether rows of a recording are rows of this session.
 
         Two recordings are the same if their hashes are equal or, where neither has one, source,
@@ -83,7 +81,7 @@ class Session:
         return same and other.first <= self.last and other.last >= self.first
 
 
-def _positions(recording: Recording) -> Array:
+def _positions(recording: "Recording") -> Array:
     """Sum (n,) of the measured positions of each row."""
     return np.asarray(recording.columns("measured", recording.joints_of("measured")).sum(axis=1))
 
@@ -102,13 +100,13 @@ class Origin:
     zeros: Annotated[Array, Shape((None, None))] | None = None
     """(n_recordings, n_joints) [rad or m] about their mean, where those fitted to share none."""
 
-    def includes(self, recording: Recording, *, in_interval: bool = False) -> bool:
+    def includes(self, recording: "Recording", *, in_interval: bool = False) -> bool:
         """Whether the fit used rows of a recording, or the interval was made of them."""
         sessions = self.interval_sessions if in_interval else self.sessions
         return any(session.overlaps(recording) for session in sessions)
 
 
-def distinct(recordings: Sequence[Recording]) -> list[Recording]:
+def distinct(recordings: "Sequence[Recording]") -> "list[Recording]":
     """Leave out copies of recordings: a fit without one would still have the other."""
     first: dict[str, Recording] = {}
     for recording in recordings:

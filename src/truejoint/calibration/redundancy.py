@@ -6,8 +6,6 @@ Willsky, IEEE Transactions on Automatic Control 29(7), 1984); once it does not, 
 wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -44,7 +42,7 @@ class ParityEquations:
 
 
 def redundant_columns(
-    recordings: Sequence[Recording], asked: Sequence[str] | None = None
+    recordings: "Sequence[Recording]", asked: Sequence[str] | None = None
 ) -> dict[str, str]:
     """Give the unit of each column, by name, that is in all recordings and may be redundant.
 
@@ -66,7 +64,7 @@ def redundant_columns(
 
 
 def fit_parity_equations(
-    recordings: Sequence[Recording],
+    recordings: "Sequence[Recording]",
     joints: Sequence[str],
     signals: Sequence[str],
     asked: Sequence[str] | None = None,

@@ -1,7 +1,5 @@
 """A recording seen through a feature set: what is fitted to, judged and corrected."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,7 +51,7 @@ class Rows:
     ((400, 2), (400, 1))
     """
 
-    recording: Recording
+    recording: "Recording"
     feature_set: FeatureSet
     joints: tuple[str, ...]
     gap_limit: float
@@ -67,7 +65,7 @@ class Rows:
     @classmethod
     def of(
         cls,
-        recording: Recording,
+        recording: "Recording",
         feature_set: FeatureSet,
         joints: tuple[str, ...],
         gap_limit: float,
@@ -149,7 +147,7 @@ class Rows:
         values = self.target(target)[rows]
         return self.X[rows], np.where(outlier[rows], np.nan, values)
 
-    def of_recording(self, recording: Recording) -> Self:
+    def of_recording(self, recording: "Recording") -> Self:
         """Give the same rows of a recording whose signals were changed."""
         seen, signals = recording, self.feature_set.signals
         if self.signal_shift is not None:
@@ -185,7 +183,7 @@ class Rows:
             )
 
 
-def shift_signals(recording: Recording, signals: Sequence[str], shift: Array) -> Recording:
+def shift_signals(recording: "Recording", signals: Sequence[str], shift: Array) -> "Recording":
     """Add to each of the `signals` its `shift` (n_signals,) in the signal's unit."""
     pairs = zip(signals, shift, strict=True)
     changed = {signal: recording.column(signal) + by for signal, by in pairs if by}

@@ -1,7 +1,5 @@
 """The commands of `truejoint`: where each is, what it does, an example; imported when called."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 from typing import Annotated, Any, Final, NamedTuple

@@ -1,7 +1,5 @@
 """What the command line prints: progress on standard error, results on standard output."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """`truejoint doctor`: what ails a recording, or the link that brings it, a verdict for each."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Final
@@ -58,7 +56,7 @@ def doctor(
 
 def _listen(
     robot: str, arm: str, wiring: dict[str, str], duration_s: float, ros: int
-) -> truejoint.recordings.DataCheck:
+) -> "truejoint.recordings.DataCheck":
     """Judge what is said on an arm's topics for some seconds, or until Ctrl-C."""
     from truejoint.recordings.judge.live import LiveLink
 

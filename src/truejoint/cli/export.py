@@ -1,7 +1,5 @@
 """`truejoint export`: C99, ONNX or a ROS package of a calibration, a bag of a recording."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -119,7 +117,7 @@ def _export_error_model(name: str, output: Path, prefix: str | None, *, force: b
 
 
 def _write_graph(
-    calibration: truejoint.Calibration, folder: Path, *, prefix: str | None, **how: Any
+    calibration: "truejoint.Calibration", folder: Path, *, prefix: str | None, **how: Any
 ) -> tuple[Path, ...]:
     """Write an ONNX graph, named as the C source would be."""
     from truejoint.export.export_c import check_prefix

@@ -1,7 +1,5 @@
 """Options of `truejoint calibrate` that say what is fitted, and the estimator they name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -32,7 +30,7 @@ class FitOptions:
     zero: Literal["shared", "recording"] | None = None
     seed: int = 0
 
-    def suited_to(self, dataset: str | None) -> FitOptions:
+    def suited_to(self, dataset: str | None) -> "FitOptions":
         """Take for what is not said what suits a public data set, if it is of one.
 
         An estimator that takes features of its own keeps these.
@@ -62,7 +60,7 @@ class FitOptions:
             candidate.set_params(**_suited(candidate.name, dataset))
         return truejoint.calibration.Automatic(candidates)
 
-    def inputs(self) -> truejoint.features.FeatureSet | None:
+    def inputs(self) -> "truejoint.features.FeatureSet | None":
         """Features of their texts, where the name of a data set stands for those that suit it."""
         if not self.features:
             return None
@@ -85,7 +83,7 @@ class FitOptions:
 
 def configured(
     name: str, settings: Sequence[str] | None = None, dataset: str | None = None
-) -> truejoint.estimators.JointRegressor:
+) -> "truejoint.estimators.JointRegressor":
     """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set."""
     estimator = truejoint.estimators.get_estimator(name)
     defaults = estimator.get_params()

@@ -1,7 +1,5 @@
 """`truejoint node`: correct, simulate and record an arm on the topics of a running ROS."""
 
-from __future__ import annotations
-
 import logging
 import math
 import signal
@@ -143,7 +141,7 @@ def encoders(port: str, link: Link, robot: str = DEFAULT, profile: str = "") -> 
         out.print(f"{node.published} messages, {line.garbage} lines of garbage")
 
 
-def _listen(arm: truejoint.crtk.Arm) -> None:
+def _listen(arm: "truejoint.crtk.Arm") -> None:
     """Raise CommandRefused if a homed arm does not report."""
     from truejoint.crtk.protocol import SILENCE
 
@@ -152,7 +150,7 @@ def _listen(arm: truejoint.crtk.Arm) -> None:
 
 
 @contextmanager
-def as_node(name: str, ros: int) -> Iterator[Transport]:
+def as_node(name: str, ros: int) -> "Iterator[Transport]":
     """Be a node of ROS until Ctrl-C, which is how a node ends."""
     try:
         with joined(name, ros) as transport:
@@ -162,7 +160,7 @@ def as_node(name: str, ros: int) -> Iterator[Transport]:
 
 
 @contextmanager
-def joined(name: str, ros: int) -> Iterator[Transport]:
+def joined(name: str, ros: int) -> "Iterator[Transport]":
     """Be a node of ROS meanwhile; what parts of it have to say goes to the person."""
     from truejoint.crtk.ros import open_transport
 
@@ -196,7 +194,7 @@ class _Sayer(logging.Handler):
             say(text)
 
 
-def wait(transport: Transport, seconds: float, look: Callable[[], object] = lambda: None) -> None:
+def wait(transport: "Transport", seconds: float, look: Callable[[], object] = lambda: None) -> None:
     """Let time pass until it is over or the node is shut down, looking at something meanwhile."""
     end = time.monotonic() + seconds
     while not transport.is_over and (remaining_s := end - time.monotonic()) > 0.0:

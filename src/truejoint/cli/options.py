@@ -1,7 +1,5 @@
 """How options are read: each is a parameter of its command, and described in `help.toml`."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -73,12 +71,12 @@ def robot_and_arm(text: str) -> tuple[str, str]:
     return (name, arm) if separator else (text, "")
 
 
-def get_robot(text: str) -> truejoint.robots.Robot:
+def get_robot(text: str) -> "truejoint.robots.Robot":
     """Look up the robot arm of ``"raven2:right"``; raises RobotError if there is none."""
     return truejoint.get_robot(*robot_and_arm(text))
 
 
-def make_twin(robot: str, **how: Any) -> truejoint.simulation.Twin:
+def make_twin(robot: str, **how: Any) -> "truejoint.simulation.Twin":
     """Make the digital twin of the robot arm of ``"raven2:right"``, `how` as for every twin."""
     return truejoint.simulation.make_twin(*robot_and_arm(robot), **how)
 

@@ -1,7 +1,5 @@
 """`truejoint rezero`: re-zero a calibration by truth, by touches or by its motors."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,8 +91,8 @@ def rezero(
 
 
 def _write(
-    calibration: truejoint.Calibration,
-    zero: truejoint.calibration.Zero,
+    calibration: "truejoint.Calibration",
+    zero: "truejoint.calibration.Zero",
     new: NewModel,
     facts: dict[str, Any],
 ) -> Result:

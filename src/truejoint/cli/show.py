@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import truejoint
 from truejoint.cli import options
@@ -16,9 +16,6 @@ from truejoint.errors import RecordingError
 from truejoint.files import head_of
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajectories
 _ANY_HOMING: Final = "any one, the first that the loop is told: training named none"
@@ -171,7 +168,7 @@ def recording_facts(recording: truejoint.Recording) -> tuple[dict[str, Any], lis
     return {**recording.summary(), **provenance}, columns
 
 
-def _column(name: str, unit: str, values: ArrayLike) -> dict[str, Any]:
+def _column(name: str, unit: str, values: Iterable[float]) -> dict[str, Any]:
     """Give the range of values (n,), and how many are not finite."""
     import numpy as np
 

@@ -1,7 +1,5 @@
 """`truejoint study`: the experiments of the papers, and ours, each by its name."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -75,7 +73,7 @@ def _named(name: str) -> list[Study]:
 
 def _made(
     study: Study, settings: Settings, folder: Path, where: Mapping[str, Any], *, force: bool
-) -> StudyResult:
+) -> "StudyResult":
     """Run a study where it is to be computed, and write what it leaves."""
     from truejoint.studies import page, runner
 
@@ -97,7 +95,7 @@ def _made(
     return result
 
 
-def _show(result: StudyResult) -> None:
+def _show(result: "StudyResult") -> None:
     for table in result.summary.tables:
         out.print(table.rich())
     for claim in result.summary.claims:

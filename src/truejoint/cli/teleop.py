@@ -1,7 +1,5 @@
 """`truejoint teleop`: move an arm by keys."""
 
-from __future__ import annotations
-
 import math
 import os
 import select
@@ -59,7 +57,7 @@ def teleop(
     if not goals and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --go-to")
 
-    def backend() -> truejoint.crtk.Backend:
+    def backend() -> "truejoint.crtk.Backend":
         return truejoint.crtk.PacedBackend(options.make_twin(robot, seed=seed))
 
     with ExitStack() as stack:
@@ -80,7 +78,7 @@ def teleop(
     out.print(f"{count} keys; the arm is {device.operating_state().state}")
 
 
-def _from_terminal(operator: Teleoperation) -> int:
+def _from_terminal(operator: "Teleoperation") -> int:
     """Tell the keys that are pressed, showing what they do; gives how many were."""
     from rich.live import Live
 
@@ -101,7 +99,7 @@ def _from_terminal(operator: Teleoperation) -> int:
     return count
 
 
-def _picture(operator: Teleoperation) -> Any:
+def _picture(operator: "Teleoperation") -> Any:
     """Key map, positions and what is held."""
     from rich.console import Group
     from rich.table import Table

@@ -1,7 +1,5 @@
 """`truejoint trajectory`: make a trajectory of one of four kinds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +46,7 @@ class Shape:
     duration_s: float | None = None
     seed: int | None = None
 
-    def make(self, kind: str, robot: truejoint.robots.Robot) -> truejoint.motion.Trajectory:
+    def make(self, kind: str, robot: "truejoint.robots.Robot") -> "truejoint.motion.Trajectory":
         """Make a trajectory; raises TrajectoryError for an option that is not of its kind."""
         how = {name: value for name, value in vars(self).items() if value is not None}
         for name in how:

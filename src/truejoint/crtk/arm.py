@@ -1,7 +1,5 @@
 """One arm under CRTK's names, whatever is behind it."""
 
-from __future__ import annotations
-
 import atexit
 import math
 import threading
@@ -34,7 +32,7 @@ TIMEOUT: Final = 5.0
 HOMING_TIMEOUT: Final = 120.0
 
 _STRETCH: Final = 0.5  # [s] that are sent at once at most, where no subscriber wants blocks sooner
-_OPEN: Final[weakref.WeakSet[Arm]] = weakref.WeakSet()
+_OPEN: "Final[weakref.WeakSet[Arm]]" = weakref.WeakSet()
 
 
 class Arm:

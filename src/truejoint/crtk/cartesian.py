@@ -1,7 +1,5 @@
 """Poses and twists of a tool, in the frame of the robot's CRTK topics."""
 
-from __future__ import annotations
-
 from typing import Final, Literal
 
 import numpy as np

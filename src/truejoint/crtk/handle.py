@@ -1,7 +1,5 @@
 """What an arm hands out and keeps: a motion under way, and who hears of its blocks."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -38,7 +36,7 @@ class Motion:
 
     command: str
     duration: float
-    _stop: Callable[[Motion, str], None] = field(repr=False)
+    _stop: "Callable[[Motion, str], None]" = field(repr=False)
     elapsed: float = 0.0
     over: threading.Event = field(default_factory=threading.Event, repr=False)
     thread: threading.Thread | None = field(default=None, repr=False)

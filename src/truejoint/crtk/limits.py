@@ -1,7 +1,5 @@
 """Limits of a robot: steps and speeds that commands are checked against."""
 
-from __future__ import annotations
-
 import math
 from numbers import Real
 from typing import Final

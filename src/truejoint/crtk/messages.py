@@ -5,9 +5,6 @@ were read from a bag or arrive one by one. What a robot does differently from CR
 `Profile`, by name, and in nothing else.
 """
 
-from __future__ import annotations
-
-import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +17,8 @@ from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots import Robot
-from truejoint.toml_file import read_toml
+from truejoint.toml_file import read_toml, shipped_table
+from truejoint.units import SI_UNITS
 
 JOINT_STATE: Final = "sensor_msgs/JointState"
 RAVEN_STATE: Final = "raven_2/raven_state"
@@ -88,25 +86,11 @@ def ros2_definition(name: str) -> str:
 ARMS: Final = ("left", "right")
 """Arms of RAVEN-II in the order of every array of its state: gold, then green."""
 
-_DEG: Final = math.pi / 180.0
 RAVEN_FIELDS: Final[Mapping[str, tuple[str, float]]] = {
-    "measured": ("jpos", _DEG),
-    "velocity": ("jvel", _DEG),
-    "effort": ("tau", 1.0),
-    "setpoint": ("jpos_d", _DEG),
-    "motor": ("mpos", _DEG),
-    "motor_velocity": ("mvel", _DEG),
-    "motor_setpoint": ("mpos_d", _DEG),
-    "encoder": ("encVals", 1.0),
-    "encoder_offset": ("encoffsets", 1.0),
-    "dac": ("dac_val", 1.0),
+    quantity: (field, SI_UNITS[unit][1])
+    for quantity, (field, unit) in shipped_table(__package__, "raven_state.toml").items()
 }
-"""Quantity of a recording: field of ``raven_state``, eight channels an arm, and factor to SI.
-
-The robot multiplies every position by 180/pi, the insertion in metres included
-(uw-biorobotics/raven2:src/raven/local_io.cpp). ``tau`` is the torque wanted at the motor's capstan,
-behind the gearbox.
-"""
+"""Quantity of a recording: field of ``raven_state``, eight channels an arm, and factor to SI."""
 
 USUAL_QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint")
 """Quantities of `RAVEN_FIELDS` that are read from a bag by default."""

@@ -1,7 +1,5 @@
 """A time law for straight lines in joint space: full speed between corners, smooth at them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final

@@ -1,7 +1,5 @@
 """Interface between an `Arm` and a robot, simulated or real."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Final, Protocol
 

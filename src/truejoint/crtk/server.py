@@ -1,7 +1,5 @@
 """An arm's CRTK interface on ROS topics, so that any client can be tried against it."""
 
-from __future__ import annotations
-
 import logging
 import math
 import re
@@ -18,48 +16,28 @@ from truejoint.array_types import Array
 from truejoint.crtk import cartesian, messages
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.messages import FORWARD, INVERSE, JOINT_STATE, RAVEN_STATE, STRING_STAMPED
+from truejoint.crtk.messages import JOINT_STATE, RAVEN_STATE, STRING_STAMPED
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.setpoint_follower import SetpointFollower
 from truejoint.errors import CommandRefused, MotionStopped, RosError, TruejointError
 from truejoint.robots.blocks import StateBlock, TruthBlock, check_range, checked_vector
+from truejoint.toml_file import shipped_table
 
 _TWIST: Final = "geometry_msgs/TwistStamped"
 _POSE: Final = "geometry_msgs/PoseStamped"
 _TRANSFORM: Final = "geometry_msgs/TransformStamped"
-_COMMANDS: Final = (
-    "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "servo_cv", "interpolate_jp",
-    "interpolate_cp", "move_jp", "move_jr", "move_cp", "hold",
-)  # fmt: skip
-_TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
-_JAW: Final = "jaw/"  # the grasper, whose one position is the opening
-_OF_JAW: Final = ("servo_jp", "servo_jr", "servo_jv", "move_jp", "move_jr")
-_RELATIVE: Final = ("servo_jr", "servo_jv", "servo_cr", "servo_cv")  # none may be left out
 _EMPTY: Final = "std_msgs/Empty"
 _ARRAY: Final = "std_msgs/Float64MultiArray"
-_NUMBER: Final = "std_msgs/Float64"
 _WRENCH: Final = "geometry_msgs/WrenchStamped"
-# No twin is moved by efforts. Several are dVRK's own, not CRTK's.
-_NOT_OFFERED: Final = {
-    "free": _EMPTY, "servo_jf": JOINT_STATE, "servo_cf": _WRENCH, "body/servo_cf": _WRENCH,
-    "spatial/servo_cf": _WRENCH, "body/set_cf_orientation_absolute": "std_msgs/Bool",
-    "use_gravity_compensation": "std_msgs/Bool", "trajectory_j/set_ratio": _NUMBER,
-    "jaw/servo_jf": JOINT_STATE, "emulate_tool_present": "std_msgs/Bool",
-}  # fmt: skip
+_TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
+_JAW: Final = "jaw/"  # the grasper, whose one position is the opening
 _RATIO: Final = "trajectory_j/ratio"  # of the moves' speed; dVRK's own too
-_JACOBIANS: Final[Mapping[str, cartesian.Frame]] = {
-    "jacobian": "tool", "body/jacobian": "body", "spatial/jacobian": "spatial",
-}  # fmt: skip
-_UNKNOWN: Final = ("body/measured_cf", "spatial/measured_cf")  # no twin knows the tool's forces
-_LOCAL: Final = "local/"  # the arm's own frame, which is that of all its topics
-_OF_DVRK: Final = {
-    **dict.fromkeys((_LOCAL + "measured_cp", _LOCAL + "setpoint_cp"), _POSE),
-    **dict.fromkeys(_JACOBIANS, _ARRAY), **dict.fromkeys(_UNKNOWN, _WRENCH), _RATIO: _NUMBER,
-}  # fmt: skip
-_QUERIES: Final = {
-    "forward_kinematics": FORWARD, "local/forward_kinematics": FORWARD,
-    "inverse_kinematics": INVERSE,
-}  # fmt: skip
+_TABLE: Final = shipped_table(__package__, "topics.toml")
+_COMMANDS, _OF_JAW, _RELATIVE = (_TABLE[key] for key in ("commands", "of_jaw", "relative"))
+_NOT_OFFERED: Final[Mapping[str, str]] = _TABLE["not_offered"]
+_OF_DVRK: Final[Mapping[str, str]] = _TABLE["of_dvrk"]
+_JACOBIANS: Final[Mapping[str, cartesian.Frame]] = _TABLE["jacobians"]
+_QUERIES: Final[Mapping[str, str]] = _TABLE["queries"]
 _SAID_APART: Final = ("truth", "operating_state", _RATIO)  # not with each state message
 _LATE: Final = 0.5  # [s] by which the stamp of a set-point may be off the clock
 _LOG: Final = 1.0  # [s] between two equal lines of the log
@@ -387,8 +365,10 @@ class ArmServer:
                 joint = block.measured[0, robot.joint_channels]
                 rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
                 made.publish(self._array(rows))
-            elif name in _UNKNOWN:
-                made.publish(self._transport.message(_WRENCH))  # stamp 0: not valid
+            elif self._kinds[name] == _WRENCH:
+                made.publish(
+                    self._transport.message(_WRENCH)
+                )  # no twin knows it: stamp 0, not valid
             elif name == "ravenstate":
                 state = self._arm.operating_state()
                 level = "pedal down" if state.is_ready else "pedal up"

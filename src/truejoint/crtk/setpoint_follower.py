@@ -1,7 +1,5 @@
 """An arm that follows set-points as they come from elsewhere, at any rate and with any delay."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Iterator

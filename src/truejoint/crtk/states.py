@@ -1,7 +1,5 @@
 """States of an arm, and CRTK's state machine: the commands allowed in each, and the next state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 

@@ -1,13 +1,11 @@
 """What every estimator has: scikit-learn's interface, and a `Family` that runs what it learnt."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import joblib
 import numpy as np
@@ -21,11 +19,9 @@ from truejoint.estimators import registry
 from truejoint.estimators.family import EstimatorData, Family, evaluate
 from truejoint.estimators.rules import Params, Rule, check_rules
 from truejoint.layout import Memory
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
 from truejoint.threads import one_thread
-
-if TYPE_CHECKING:
-    from truejoint.recordings import Recording
-    from truejoint.robots import Robot
 
 Arrays = dict[str, Array]
 Flags = NDArray[np.bool_]

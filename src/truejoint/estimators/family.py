@@ -5,8 +5,6 @@ estimator does once it is fitted follows from its row: predicting a recording, s
 loop, and the C source.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -42,12 +40,12 @@ class EstimatorData:
     arrays: Mapping[str, Array]  # what was learnt, float64
 
     @property
-    def kind(self) -> Family:
+    def kind(self) -> "Family":
         """The family, with the fields that the parameters decide."""
         return find_family(self.family).of(self.params)
 
 
-_SPECIALISED: Final[dict[tuple[str, str], Family]] = {}
+_SPECIALISED: "Final[dict[tuple[str, str], Family]]" = {}
 """Families by their name and the text of parameters that follow the rules: see `Family.of`."""
 
 
@@ -90,10 +88,10 @@ class Family:
     specialise: Callable[[Params], Mapping[str, Any]] | None = None
     """Fields of the family that the parameters decide."""
 
-    def __reduce__(self) -> tuple[Callable[[str], Family], tuple[str]]:
+    def __reduce__(self) -> "tuple[Callable[[str], Family], tuple[str]]":
         return find_family, (self.name,)  # pickled, by an estimator that holds it, by its name
 
-    def of(self, params: Params) -> Family:
+    def of(self, params: Params) -> "Family":
         """Give the family with what these parameters decide; CalibrationError if one is wrong."""
         if self.specialise is None:
             return self

@@ -7,8 +7,6 @@ and may replace what the filter tells by something else that the model then adds
 work on the memory of a layout that begins as `filter_layout`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise

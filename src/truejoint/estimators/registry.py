@@ -3,8 +3,6 @@
 A new estimator is a folder beside this file and a table in `presets.toml`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -94,7 +92,7 @@ def member(name: str) -> Any:
     return registered(name)
 
 
-def plugged_in() -> dict[str, EntryPoint]:
+def plugged_in() -> "dict[str, EntryPoint]":
     """Regressors of other packages, each a class with scikit-learn's `fit` and `predict`."""
     return plugins("truejoint.estimators", OWN)
 

@@ -1,7 +1,5 @@
 """Values, statements and structs of C that is being printed; operators and functions."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import math
@@ -79,7 +77,7 @@ class View:
     values: NDArray[Any] | None = None  # what the whole of `text` holds, where nothing writes it
     pointer: Any = None  # local pointer that it goes through, and the view that this points to
 
-    def part(self, offset: Scalar, shape: tuple[Scalar, ...]) -> View:
+    def part(self, offset: Scalar, shape: tuple[Scalar, ...]) -> "View":
         """Part of this one from `offset` on."""
         return replace(self, offset=add(self.offset, offset), shape=shape)
 
@@ -88,12 +86,12 @@ class View:
         """Place of the first element within the root."""
         return self.offset if self.pointer is None else add(self.pointer[1].start, self.offset)
 
-    def pointer_text(self, style: Style) -> str:
+    def pointer_text(self, style: "Style") -> str:
         """Pointer to the first element in C."""
         offset = style.text(self.offset)
         return self.text if offset == "0" else f"{self.text} + {offset}"
 
-    def ends_before(self, other: View) -> bool:
+    def ends_before(self, other: "View") -> bool:
         """Whether it is certain to end where a view of the same array begins, or before."""
         size: Scalar = Known(1)
         for length in self.shape:
@@ -355,7 +353,7 @@ class Statement:
     declares: bool = False  # whether the variable is declared here
     operator: str = "="  # of the assignment
     comment: bool = False
-    body: list[Statement] | None = None
+    body: "list[Statement] | None" = None
 
     def lines(self, style: Style, depth: int) -> list[str]:
         """In C."""
@@ -500,7 +498,7 @@ class Struct:
     type: str  # of the C struct
     memory: Memory
     written: set[str] = field(default_factory=set)
-    parts: dict[str, Struct] = field(default_factory=dict)
+    parts: "dict[str, Struct]" = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.fields: dict[tuple[Side, int], Field] = {}  # by the index that kernels use
@@ -519,7 +517,7 @@ class Struct:
         source: Any = self.memory.memory if f.kind == "scalar" else self.memory.numbers
         return np.asarray(source[f.index : f.index + 1])
 
-    def walk(self) -> Iterator[Struct]:
+    def walk(self) -> "Iterator[Struct]":
         """Parts first, then this one."""
         for part in self.parts.values():
             yield from part.walk()

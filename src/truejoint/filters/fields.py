@@ -62,19 +62,13 @@ PROCESS_NOISE: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, MATRIX)
 STEP: Final = types.int64(INTEGERS, VECTOR)
 
 LAYOUT: Final = Layout().declare(__package__, "filter")
-N, F, H, G, ADVANCE = map(
-    LAYOUT.at, ("n_states", "transition", "measurement", "process_noise", "step")
+N, F, H, G, ADVANCE = LAYOUT.places("n_states transition measurement process_noise step")
+PATIENCE, REJECTED, OBSERVED, STATUS = LAYOUT.places("patience rejected observed status")
+LONGEST, DT, NIS, LOGLIK, INFLATION = LAYOUT.places("longest dt nis loglik inflation")
+P, Q, P_MEAN, P_ZZ, S_ZZ = LAYOUT.places(
+    "covariance noise_factor covariance_mean z_covariance z_factor"
 )
-PATIENCE, REJECTED, OBSERVED, STATUS = map(
-    LAYOUT.at, ("patience", "rejected", "observed", "status")
-)
-LONGEST, DT, NIS, LOGLIK, INFLATION = map(
-    LAYOUT.at, ("longest", "dt", "nis", "loglik", "inflation")
-)
-P, Q, P_MEAN, P_ZZ, S_ZZ = map(
-    LAYOUT.at, ("covariance", "noise_factor", "covariance_mean", "z_covariance", "z_factor")
-)
-NOISE, LOWEST, HIGHEST = map(LAYOUT.at, ("noise", "lowest", "highest"))
+NOISE, LOWEST, HIGHEST = LAYOUT.places("noise lowest highest")
 
 unpack_filter = LAYOUT.unpacker()
 """Give a kernel the filter's numbers, state, covariance, measurement, inputs and parameters."""

@@ -1,11 +1,9 @@
 """What is shown of an arm: reported, corrected and true positions, and what goes with them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, Self, get_origin
 
 import numpy as np
 
@@ -50,16 +48,16 @@ class Samples(Block):
     def __len__(self) -> int:
         return len(self.t)
 
-    def rows(self, selection: slice | Integers) -> Samples:
+    def rows(self, selection: slice | Integers) -> "Samples":
         """Keep some rows."""
         return replace(self, **{name: getattr(self, name)[selection] for name in _ARRAYS})
 
-    def window(self, end: float, span: float) -> Samples:
+    def window(self, end: float, span: float) -> "Samples":
         """Rows of the last `span` until `end` [s], one at least."""
         last = max(int(np.searchsorted(self.t, end, side="right")), 1)
         return self.rows(slice(min(int(np.searchsorted(self.t, end - span)), last - 1), last))
 
-    def thinned(self) -> Samples:
+    def thinned(self) -> "Samples":
         """Rows that a curve shows, the latest among them."""
         step = max(len(self) // MOST_POINTS, 1)
         return self.rows(slice((len(self) - 1) % step, None, step))
@@ -81,7 +79,9 @@ class Samples(Block):
         return ()
 
     @classmethod
-    def of_recording(cls, recording: Recording, calibration: Calibration | None = None) -> Samples:
+    def of_recording(
+        cls, recording: "Recording", calibration: "Calibration | None" = None
+    ) -> "Samples":
         """Every row of a recording, corrected as the robot's loop would.
 
         Raises RecordingError without a measured position, CalibrationError if the calibration is
@@ -119,7 +119,7 @@ class Samples(Block):
         )  # fmt: skip
 
 
-_ARRAYS: Final = [f.name for f in fields(Samples) if not f.type.startswith("tuple")]
+_ARRAYS: Final = [f.name for f in fields(Samples) if get_origin(f.type) is not tuple]
 
 
 class LiveSamples:
@@ -128,7 +128,7 @@ class LiveSamples:
     Raises CalibrationError if the `calibration` is of another arm, or does not run in a loop.
     """
 
-    def __init__(self, robot: Robot, calibration: Calibration | None = None) -> None:
+    def __init__(self, robot: Robot, calibration: "Calibration | None" = None) -> None:
         from truejoint.recordings.table.recording import default_unit  # noqa: PLC0415
         from truejoint.runtime.corrector import Corrector  # noqa: PLC0415
 

@@ -1,7 +1,5 @@
 """Motions in the calibration workspace: zig-zags to calibrate, a random one to test (peng2024)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from numbers import Integral, Real
@@ -279,7 +277,7 @@ def _times(duration: float, rate: float, shortest: float, longest: float) -> Arr
 def _swings(
     times: Array,
     random: np.random.Generator,
-    profile: Callable[[float, float, float], _Swing],
+    profile: "Callable[[float, float, float], _Swing]",
     lower: float,
     upper: float,
     *ranges: float,
@@ -300,7 +298,7 @@ def _swings(
     return _travelled(times, knots, swings)
 
 
-def _travelled(times: Array, knots: Sequence[float], swings: Sequence[_Swing]) -> Array:
+def _travelled(times: Array, knots: Sequence[float], swings: "Sequence[_Swing]") -> Array:
     """Positions (n,) at `times` (n,) of a joint that swings from knot to knot."""
     turns = np.concatenate([[0.0], np.cumsum([swing.duration for swing in swings])])
     positions = np.empty(len(times))

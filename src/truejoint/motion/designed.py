@@ -1,7 +1,5 @@
 """A motion designed to calibrate on: every line is the one expected to tell most a second."""
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Trajectory files: CSV with provenance, and the laboratory's three bare columns."""
 
-from __future__ import annotations
-
 import json
 import os
 import warnings
@@ -12,16 +10,9 @@ from typing import Annotated, Any, Final, NamedTuple
 import numpy as np
 import pandas as pd
 
-from truejoint import schema
+from truejoint import files, schema
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError, words
-from truejoint.files import (
-    UNHASHED,
-    content_hash,
-    is_as_written,
-    require_ordinary,
-    write_atomically,
-)
 from truejoint.motion.trajectory import Trajectory, as_trajectory
 from truejoint.schema import Bounds
 
@@ -69,7 +60,8 @@ def write_trajectory(
     }
     try:
         header = json.loads(json.dumps(header, allow_nan=False))  # as it will be read
-        text = json.dumps(header | {"sha256": content_hash(header, {"rows": table.to_numpy()})})
+        digest = files.content_hash(header, {"rows": table.to_numpy()})
+        text = json.dumps(header | {"sha256": digest})
     except (TypeError, ValueError) as error:
         raise TrajectoryError(f"{path}: meta cannot be written as JSON: {error}") from None
     if len(text) + len(_MARK) >= _MAX_HEADER:
@@ -80,7 +72,7 @@ def write_trajectory(
             file.write(f"{_MARK}{text}\n")
             table.to_csv(file, index=False, lineterminator="\n")
 
-    write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
+    files.write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
@@ -101,7 +93,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     ('rad', 'rad', 'm')
     """
     path = Path(path)
-    require_ordinary(path, TrajectoryError)
+    files.require_ordinary(path, TrajectoryError)
     try:
         size = path.stat().st_size
         with path.open(encoding="utf-8", newline="") as file:
@@ -136,9 +128,9 @@ def _read_own(path: Path, first: str, second: str) -> Trajectory:
     values, meta = _read_numbers(path, len(columns), skip=2), header.meta
     stated = {key: value for key, value in plain.items() if key != "sha256"}
     if not header.sha256:
-        notes = filter(None, (str(meta.get("notes", "")), UNHASHED))
+        notes = filter(None, (str(meta.get("notes", "")), files.UNHASHED))
         meta = {**meta, "notes": "; ".join(notes)}
-    elif not is_as_written(header.sha256, stated, {"rows": values}):
+    elif not files.is_as_written(header.sha256, stated, {"rows": values}):
         raise TrajectoryError(
             "its content does not match its hash; get the file again, or, if it was edited on "
             'purpose, take "sha256" out of its first line'

@@ -1,7 +1,5 @@
 """Following a trajectory with an arm, and how well the arm did."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -83,7 +81,7 @@ def follow(
     speed: ArrayLike | None = None,
     resume_within: float = 0.0,
     progress: Callable[[float], None] | None = None,
-    steering: Compensator | None = None,
+    steering: "Compensator | None" = None,
 ) -> TrackingReport:
     """Move an arm to the start of a trajectory and along it; blocks until it is at rest again.
 
@@ -152,7 +150,7 @@ class _Run:
         trajectory: Trajectory,
         speed: ArrayLike | None,
         progress: Callable[[float], None] | None,
-        steering: Compensator | None,
+        steering: "Compensator | None",
     ) -> None:
         robot, joints = arm.robot, trajectory.joints
         self._arm, self._trajectory = arm, trajectory

@@ -1,7 +1,5 @@
 """The motions that the forceps of yan2020 are calibrated, verified and loaded on."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Jogging: velocities that may change at any moment become a steady stream of set-points."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Final, Self

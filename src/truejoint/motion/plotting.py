@@ -1,7 +1,5 @@
 """A trajectory in three dimensions, in degrees and millimetres."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Keys that move an arm: how pressing and letting go becomes a velocity."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

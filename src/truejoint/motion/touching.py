@@ -1,7 +1,5 @@
 """Touching the dimples of a block with a simulated arm, as a person who steers it would."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -30,7 +28,8 @@ def joints_at(robot: Robot, point: Array, seed: Array) -> Array:
     The positioning joints go there, the others stay as in `seed` (n_joints,). Raises RobotError if
     they cannot, or not within their limits.
     """
-    angles, there = reach(robot, point[None], seed)
+    chain, columns = robot.known_kinematics("points of the tool"), robot.index(robot.positioning)
+    angles, there = reach(chain, columns, point[None], seed)
     joint: Array = angles[0]
     inside = (joint >= robot.lower) & (joint <= robot.upper)
     if not (there.all() and inside.all()):

@@ -1,7 +1,5 @@
 """A trajectory as data, joint positions with or without times, and the workspace that one fills."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What an arm reports over a stretch of time, and the joint vectors that it is sent, checked."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Final, Self
@@ -28,7 +26,7 @@ class Block:
     """Consecutive rows of several things over time."""
 
     @classmethod
-    def joined(cls, blocks: Sequence[Block]) -> Self:
+    def joined(cls, blocks: "Sequence[Block]") -> Self:
         """Put blocks of the same channels, one or more, one after the other."""
         parts = {each.name: [getattr(b, each.name) for b in blocks] for each in fields(cls)}
         return cls(**{name: _joined(values) for name, values in parts.items()})
@@ -88,7 +86,7 @@ class StateBlock(Block):
         }
         return {**by_name, **self.extra}
 
-    def rows(self, selection: slice | NDArray[np.bool_]) -> StateBlock:
+    def rows(self, selection: slice | NDArray[np.bool_]) -> "StateBlock":
         """Copy of some rows, which keeps no other row alive."""
         return StateBlock(
             name=self.name,

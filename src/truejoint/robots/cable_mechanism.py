@@ -1,7 +1,5 @@
 """Joints that cables turn: motors, cables, springs, contact and arms as data; a forceps'."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -202,7 +200,7 @@ class Forceps(NamedTuple):
     """Radius at which both cables act on the jaw ``r`` [m]."""
 
     @classmethod
-    def of(cls, mechanism: CableMechanism | None) -> Forceps:
+    def of(cls, mechanism: CableMechanism | None) -> "Forceps":
         """Read a mechanism of one joint, a motor's cable and a spring's; else RobotError."""
         cables = () if mechanism is None else mechanism.cables
         if (

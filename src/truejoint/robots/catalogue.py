@@ -1,7 +1,5 @@
 """Every robot by name: truejoint's own, those of other packages, those of files."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Mapping
@@ -28,7 +26,7 @@ _CODED: Final[Mapping[str, Mapping[str, str]]] = {
     "raven2": {"": "left", "left": "left", "gold": "left", "right": "right", "green": "right"},
     "wrist": {},  # its arms are the instruments of a file
 }
-"""Robots whose kinematics are compiled: arm by every name it goes by. The package of that name,
+"""Robots of which a part is computed: arm by every name it goes by. The package of that name,
 imported when first asked for, has a `build` that takes an arm."""
 _OWN: Final = (*_CODED, *sorted(f.name.removesuffix(".toml") for f in _MODELS.iterdir()))
 
@@ -64,7 +62,7 @@ def arm_names(name: str) -> tuple[str, ...]:
     return tuple(map(str, arms)) if isinstance(arms, list) else ()
 
 
-def get_robot(name: str | os.PathLike[str] | Robot, arm: str = "") -> Robot:
+def get_robot(name: "str | os.PathLike[str] | Robot", arm: str = "") -> "Robot":
     """Robot arm by name, the same object each time, or of a robot file.
 
     Parameters
@@ -112,7 +110,7 @@ def get_robot(name: str | os.PathLike[str] | Robot, arm: str = "") -> Robot:
     return _build(text.lower(), arm.strip().lower())
 
 
-def robot_of(values: Mapping[str, Any], source: str) -> Robot:
+def robot_of(values: Mapping[str, Any], source: str) -> "Robot":
     """Robot that a file carries by `Robot.to_dict`; no name is made known by it.
 
     A robot of `robot_names` is the one that `get_robot` gives, whose kinematics may be code, with
@@ -143,7 +141,7 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
 
 @cache
 def _arms(name: str) -> Mapping[str, str]:
-    """Arm of a robot whose kinematics are compiled, by every name it goes by."""
+    """Arm of a robot of which a part is computed, by every name it goes by."""
     if _CODED[name]:
         return _CODED[name]
     text = files(__package__).joinpath(name, INSTRUMENTS).read_text(encoding="utf-8")
@@ -152,7 +150,7 @@ def _arms(name: str) -> Mapping[str, str]:
 
 
 @cache
-def _build(name: str, arm: str) -> Robot:
+def _build(name: str, arm: str) -> "Robot":
     from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
     if name in _CODED:

@@ -1,11 +1,9 @@
 """Kinematics of a serial arm in modified Denavit-Hartenberg parameters, compiled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +12,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.compiled import compiled, local_matrix
 from truejoint.errors import RobotError
 from truejoint.mechanics import solve
-from truejoint.robots.parts import Axis
-
-if TYPE_CHECKING:
-    from truejoint.robots.robot import Robot
+from truejoint.robots.parts import Axis, Kinematics
 
 _RIGID_TOLERANCE: Final = 1e-6
 # How near a search for joint positions comes [m, rad], far below what any joint encoder resolves.
@@ -85,7 +80,7 @@ class SerialChain:
             "the joints are; approach it in smaller steps"
         )
 
-    def up_to(self, joint: int) -> SerialChain:
+    def up_to(self, joint: int) -> "SerialChain":
         """Chain as far as the link that the joint with that place in a joint vector moves.
 
         `forward` and `jacobian` are then of that link. Raises RobotError if the joint moves none.
@@ -123,16 +118,14 @@ class SerialChain:
 
 
 def reach(
-    robot: Robot, points: ArrayLike, seed: ArrayLike, joints: Sequence[str] = ()
+    chain: Kinematics, columns: Sequence[int], points: ArrayLike, seed: ArrayLike
 ) -> tuple[Array, Mask]:
     """Find joint positions (m, n_joints) with the tip at `points` (m, 3) of the base [m].
 
-    Newton's method from `seed` (n_joints,) moves `joints`, by default the positioning ones, the
-    shortest way where they are more than three; the others stay. Says as well which points (m,)
-    are reached, within any range of the joints. Raises RobotError if the kinematics are not known.
+    Newton's method from `seed` (n_joints,) moves the joints of these `columns`, the shortest way
+    where they are more than three; the others stay. Says as well which points (m,) are reached,
+    within any range of the joints.
     """
-    chain = robot.known_kinematics("points of the tool")
-    columns = robot.index(joints or robot.positioning)
     goal = np.asarray(points, dtype=np.float64)
     joint = np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1))
     for _ in range(_STEPS):

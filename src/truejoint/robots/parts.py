@@ -1,7 +1,5 @@
 """Parts of a robot: joints and their encoders, transmission, calibration workspace, kinematics."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

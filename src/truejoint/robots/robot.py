@@ -1,7 +1,5 @@
 """The robot model that everything else takes: its parts, and how it stands in a file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -300,7 +298,7 @@ class Robot(Summarised):
     @classmethod
     def from_dict(
         cls, values: Mapping[str, Any], source: str = "robot", *, folder: Path | None = None
-    ) -> Robot:
+    ) -> "Robot":
         """Robot of plain data, as `to_dict` gives or a robot file has (docs/robots.md).
 
         The kinematics may name a URDF in `folder`. Raises RobotError, naming `source`, key and the

@@ -1,7 +1,5 @@
 """Kinematics from a URDF, which pytransform3d reads, as modified Denavit-Hartenberg axes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

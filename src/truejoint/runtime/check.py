@@ -1,7 +1,5 @@
 """Check with a brief truth whether a calibration still holds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -92,7 +90,7 @@ class CalibrationCheck:
 
 
 def check_calibration(
-    calibration: Calibration, recording: Recording, level: float | None = None
+    calibration: Calibration, recording: "Recording", level: float | None = None
 ) -> CalibrationCheck:
     """Compare a calibration with a brief truth.
 

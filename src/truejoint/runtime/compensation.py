@@ -1,7 +1,5 @@
 """One step of the compensator: from where the joints are wanted to set-points of the motors."""
 
-from __future__ import annotations
-
 from math import isfinite, isnan, nan
 from typing import Final
 
@@ -10,8 +8,8 @@ from truejoint.compiled import compiled
 from truejoint.layout import Layout
 
 LAYOUT: Final = Layout().declare(__package__, "compensator")
-STATUS, KNOWS_LOST, FALLS_BACK, GAIN, TRUST, WEIGHT = map(
-    LAYOUT.at, ("status", "knows_lost", "falls_back", "gain", "trust", "weight")
+STATUS, KNOWS_LOST, FALLS_BACK, GAIN, TRUST, WEIGHT = LAYOUT.places(
+    "status knows_lost falls_back gain trust weight"
 )
 
 LEAST_TRUST: Final = 0.5

@@ -4,8 +4,6 @@ A motor that is sent where the joint should be leaves the joint behind by what t
 compensator adds that loss, as the corrector tells it, and what is still missing after that.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections import Counter
@@ -222,7 +220,7 @@ class Compensator:
         at_end = (self.setpoint <= self._lower) | (self.setpoint >= self._upper)
         return np.asarray(at_end & (self.is_limited != 0))
 
-    def around(self, corrector: Corrector | MotorReadings) -> Compensator:
+    def around(self, corrector: Corrector | MotorReadings) -> "Compensator":
         """Give the same loop, before its start, around another corrector of the same joints."""
         inner = None if isinstance(corrector, MotorReadings) else corrector
         return Compensator(inner, self._robot, **self._how)

@@ -3,8 +3,6 @@
 And what a corrector is told between samples: the homing, an offset, that the zero is right.
 """
 
-from __future__ import annotations
-
 from math import inf, isfinite, isnan, nan
 from typing import Final
 

@@ -1,7 +1,5 @@
 """The corrector: a model file in the robot's control loop."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -278,7 +276,7 @@ class Corrector(Summarised):
         """Let the thread of the next step have the corrector; its history goes on."""
         self._thread = 0
 
-    def run(self, recording: Recording) -> CorrectionTrace:
+    def run(self, recording: "Recording") -> CorrectionTrace:
         """Correct a whole recording as the loop would, from a fresh start, homed as it was told.
 
         Raises RecordingError if this is no recording or lacks a signal, and CalibrationError while
@@ -318,7 +316,7 @@ class Corrector(Summarised):
 
 
 def corrector_for(
-    calibration: Calibration, recordings: Sequence[Recording], **how: Any
+    calibration: Calibration, recordings: "Sequence[Recording]", **how: Any
 ) -> Corrector:
     """Corrector to run over recordings, which `how` is given to.
 

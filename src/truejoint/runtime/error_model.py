@@ -1,7 +1,5 @@
 """Joints as a robot would report them, for a simulator that knows where they truly are."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -66,22 +66,18 @@ class OnFault:
 
 
 LAYOUT: Final = Layout().declare(__package__, "corrector")
-NEEDS_REZERO, HOMING, HOMING_ID, OWN_ID, IS_HOMED, TOLD_ID, WAS_LOST, REZEROED = map(
-    LAYOUT.at,
-    ("needs_rezero", "homing", "homing_id", "own_id", "is_homed", "told_id", "was_lost",
-     "rezeroed"),
-)  # fmt: skip
-HAS_STAMP, HAS_LAST, WAS_STALE, HAS_SPIKED, N_LATE, HAS_OUTPUT, IS_DOUBTED, SUSPECT, ANCHOR = map(
-    LAYOUT.at,
-    ("has_stamp", "has_last", "was_stale", "has_spiked", "n_late", "has_output", "is_doubted",
-     "suspect", "anchor"),
-)  # fmt: skip
-T, STAMP, LAST_T, PARITY_T, CHANGED_T, OUTPUT_T, DOUBTED_TIME, LATE, TRAINING_DT, EXCESS = map(
-    LAYOUT.at,
-    ("t", "stamp", "last_t", "parity_t", "changed_t", "output_t", "doubted_time", "late",
-     "training_dt", "excess"),
-)  # fmt: skip
-ROW, MODEL = map(LAYOUT.at, ("row", "model"))
+NEEDS_REZERO, HOMING, HOMING_ID, OWN_ID, IS_HOMED, TOLD_ID, WAS_LOST, REZEROED = LAYOUT.places(
+    "needs_rezero homing homing_id own_id is_homed told_id was_lost rezeroed"
+)
+HAS_STAMP, HAS_LAST, WAS_STALE, HAS_SPIKED, N_LATE, HAS_OUTPUT, IS_DOUBTED, SUSPECT, ANCHOR = (
+    LAYOUT.places(
+        "has_stamp has_last was_stale has_spiked n_late has_output is_doubted suspect anchor"
+    )
+)
+T, STAMP, LAST_T, PARITY_T, CHANGED_T, OUTPUT_T, DOUBTED_TIME, LATE, TRAINING_DT, EXCESS = (
+    LAYOUT.places("t stamp last_t parity_t changed_t output_t doubted_time late training_dt excess")
+)
+ROW, MODEL = LAYOUT.places("row model")
 
 unpack = LAYOUT.unpacker()
 """Give a kernel numbers and arrays of a corrector by name."""

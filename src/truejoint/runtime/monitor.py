@@ -6,8 +6,6 @@ worked since it was last compared with the truth. They do not show cables that l
 positions shift, efforts do not. Only the working time stands for that.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -56,9 +54,7 @@ SHIFT, FRICTION, RANGE, WORK = 0, 1, 2, 3
 N_MEASURES: Final = 4
 
 LAYOUT: Final = Layout().declare(__package__, "monitor", N_MEASURES=N_MEASURES, N_TRAVEL=N_TRAVEL)
-HAS_LAST, OUTSIDE, WORKED, LAST, LAST_STEP = map(
-    LAYOUT.at, ("has_last", "outside", "worked", "last", "last_step")
-)
+HAS_LAST, OUTSIDE, WORKED, LAST, LAST_STEP = LAYOUT.places("has_last outside worked last last_step")
 unpack = LAYOUT.unpacker()
 
 _CHECK: Final = np.array([1.0, 1.0, 0.1, 1.0])
@@ -201,14 +197,8 @@ class Monitor:
         return Reason(int(_bits(self._levels)))
 
     def reset(self) -> None:
-        """Forget everything seen."""
+        """Forget everything seen, also how long the arm has worked: it was checked or re-zeroed."""
         self._numbers[:], self._memory[:] = self._begun
-
-    def compared_with_truth(self) -> None:
-        """Start the working time anew: the arm was checked or re-zeroed."""
-        self._memory[WORKED] = 0.0
-        self.measures[WORK] = 0.0
-        self._levels[WORK] = 0
 
     def step(self, t: float, sample: ArrayLike) -> int:
         """Take one `sample` (n_signals,), taken at `t` [s]; returns the `Alarm`.
@@ -228,7 +218,7 @@ class Monitor:
         watch_rows(self._numbers, self._memory, self._stamp, self._sample, *self._graded)
         return int(self._levels.max())
 
-    def run(self, recording: Recording) -> MonitorTrace:
+    def run(self, recording: "Recording") -> MonitorTrace:
         """Watch a whole recording, from a fresh start; RecordingError if it lacks a signal."""
         as_recorded(recording)
         self.reset()

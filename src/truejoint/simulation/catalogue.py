@@ -1,7 +1,5 @@
 """Every digital twin by the name of its robot."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Final

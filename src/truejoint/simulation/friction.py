@@ -1,7 +1,5 @@
 """Friction laws that several digital twins share, compiled into their plants."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

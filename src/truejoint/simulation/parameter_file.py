@@ -1,7 +1,5 @@
 """Parameter files: commented TOML in, checked frozen sections out."""
 
-from __future__ import annotations
-
 import math
 import os
 import tomllib

@@ -1,7 +1,5 @@
 """Interface of every digital twin, and what twins share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from copy import deepcopy
@@ -14,15 +12,8 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-from truejoint.robots import Robot, get_robot
-from truejoint.robots.blocks import (
-    SETPOINT_DT,
-    StateBlock,
-    TruthBlock,
-    check_range,
-    checked_rows,
-    in_grains,
-)
+from truejoint.robots import Robot, blocks, get_robot
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock
 from truejoint.simulation.parameter_file import Parameters
 
 
@@ -46,7 +37,7 @@ class TwinOutput(StateBlock):
     truth: TruthBlock
     joint: Array
 
-    def every(self, ticks: int) -> TwinOutput:
+    def every(self, ticks: int) -> "TwinOutput":
         """Keep of `ticks` rows the last one, and all that the joint encoders read."""
         states = self.rows(slice(ticks - 1, None, ticks))
         joint = self.joint[ticks - 1 :: ticks].copy()
@@ -147,9 +138,9 @@ class Twin:
         return self._follow(self._checked(setpoint, "run"))
 
     def _checked(self, setpoint: ArrayLike, command: str) -> Array:
-        rows = checked_rows(self.robot, setpoint, command)
+        rows = blocks.checked_rows(self.robot, setpoint, command)
         if self._reach is not None:
-            check_range(self.robot, rows, command, self._reach)
+            blocks.check_range(self.robot, rows, command, self._reach)
         return rows
 
     def _follow(self, rows: Array) -> TwinOutput:
@@ -176,7 +167,7 @@ class Twin:
 
     def _go(self, *paths: Array) -> Iterator[TwinOutput]:
         """Run set-points (n, n_joints), one path after the other, in pieces of at most `GRAIN`."""
-        yield from map(self._follow, in_grains(np.vstack(paths)))
+        yield from map(self._follow, blocks.in_grains(np.vstack(paths)))
 
     def _times(self, rows: int) -> Array:
         """Give times (rows + 1,) [s]: now, and those of the next set-points."""

@@ -12,6 +12,7 @@ from pandas import DataFrame, Series
 
 from truejoint.drawing import Figure, ecdf
 from truejoint.tables import Table, fixed, median_text
+from truejoint.toml_file import shipped_table
 
 _KEY: Final = ("source", "table", "condition", "method", "quantity")
 
@@ -84,6 +85,15 @@ def frame_table(
     ]
     header = (head, *(str(name).strip() for name in frame.columns))
     return Table(title, header, tuple(body), tuple(notes))
+
+
+def notes_on(table: str, **values: Any) -> list[str]:
+    """Give the notes under a table, of ``notes.toml``, with these values in them.
+
+    >>> notes_on("hung")[0][:15]
+    '; IV hung still'
+    """
+    return [text.format(**values) for text in shipped_table(__package__, "notes.toml")[table]]
 
 
 def ecdf_figure(

@@ -5,8 +5,6 @@ that studies share it. It carries digests of the sources that made it, and count
 one of them has changed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -70,10 +68,10 @@ class StudyResult:
     """
 
     study: Study
-    settings: Settings
+    settings: "Settings"
     parts: Mapping[str, PartResult]
-    rows: DataFrame
-    summary: Summary
+    rows: "DataFrame"
+    summary: "Summary"
     computed: int
     aside: int
 

@@ -3,8 +3,6 @@
 Nothing heavy is imported here, so that studies can be listed and completed at once.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -55,7 +53,7 @@ class PartResult:
     """
 
     rows: Sequence[Row]
-    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    arrays: "Mapping[str, NDArray[Any]]" = field(default_factory=dict)
     sources: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -194,13 +192,13 @@ class Results:
     """
 
     settings: Settings
-    rows: DataFrame
-    arrays: Mapping[str, Mapping[str, NDArray[Any]]]
+    rows: "DataFrame"
+    arrays: "Mapping[str, Mapping[str, NDArray[Any]]]"
 
     @classmethod
     def of(
         cls, settings: Settings, parts: Sequence[Part], results: Mapping[str, PartResult]
-    ) -> Results:
+    ) -> "Results":
         """Put the results of parts, by key, together."""
         from pandas import DataFrame  # noqa: PLC0415  # a list of studies needs no arithmetic
 
@@ -298,8 +296,8 @@ class Summary:
     ()
     """
 
-    tables: Sequence[Table] = ()
-    figures: Mapping[str, Figure] = field(default_factory=dict)
+    tables: "Sequence[Table]" = ()
+    figures: "Mapping[str, Figure]" = field(default_factory=dict)
     claims: Sequence[Claim] = ()
 
 

@@ -5,8 +5,6 @@ moved points, or points that are not of the tip, are each tried by a fit of thei
 where the points are far likelier so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress

@@ -3,8 +3,6 @@
 A block of stairs is sized for a robot, and drawn as STL.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -399,7 +397,7 @@ def design_block(robot: Robot) -> BlockShape:
     # Stairs reach further down than up from the middle of a workspace that is a shell: try.
     for down in np.linspace(0.2, 0.8, 7):
         shift = rotation @ np.array([*(0.5 * count * PITCH), BASE + level.max() * step * down])
-        there, is_near = reach(robot, bottoms @ rotation.T + middle - shift, pose, space.joints)
+        there, is_near = reach(chain, columns, bottoms @ rotation.T + middle - shift, pose)
         moved = there[:, columns]
         reached = is_near & ((moved >= ends[0]) & (moved <= ends[1])).all(axis=1)
         at = reached.reshape(level.shape)

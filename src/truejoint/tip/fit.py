@@ -7,8 +7,6 @@ the point ``p`` in the frame and the frame's scale ``s``. An orientation of the 
 more. The Jacobian of the tip is the kinematics' own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
@@ -61,7 +59,7 @@ class TipState:
         terms = tuple(f"term {k}" for k in range(len(self.coefficients)))
         return (*terms, *POSE, *MARKER, SCALE, *TURN)
 
-    def moved(self, step: Array) -> TipState:
+    def moved(self, step: Array) -> "TipState":
         """State after a step (n,) of all parameters; turns are about the frames' own axes."""
         k = len(self.coefficients)
         return TipState(
@@ -73,7 +71,7 @@ class TipState:
             self.turn @ Rotation.from_rotvec(step[k + 10 :]).as_matrix(),
         )
 
-    def minus(self, other: TipState) -> Array:
+    def minus(self, other: "TipState") -> Array:
         """Step (n,) that leads from `other` here."""
         turns = np.stack([other.rotation.T @ self.rotation, other.turn.T @ self.turn])
         frame, marker = Rotation.from_matrix(turns).as_rotvec()
@@ -97,7 +95,7 @@ class TipPrior:
         cls, state: TipState, terms: ArrayLike, *, pose: ArrayLike = np.inf,
         marker: ArrayLike = 0.0, scale: float = 0.0, turn: float = 0.0,
         pose_precision: Array | None = None,
-    ) -> TipPrior:  # fmt: skip
+    ) -> "TipPrior":  # fmt: skip
         """Prior of independent parameters by their standard deviations.
 
         A deviation is infinite where nothing is known, and 0 where the parameter is held.
@@ -122,7 +120,7 @@ class Equations(NamedTuple):
     by_parameter: Array  # (m, d, n)
     by_joint: Array  # (m, d, n_joints), by all joints of the kinematics
 
-    def whitened(self, joint_sd: Array, sd: Array) -> Whitened:
+    def whitened(self, joint_sd: Array, sd: Array) -> "Whitened":
         """Give the equations in standard deviations; all rows weigh alike.
 
         Of independent errors `joint_sd` (n_joints,) [rad or m] of the joints and `sd` (d,), or of
@@ -182,7 +180,7 @@ class TipRows:
     def of(
         cls, robot: Robot, joint: Array, corrected: Sequence[str], basis: Array, point: Array,
         point_sd: float, corrected_sd: Array,
-    ) -> TipRows:  # fmt: skip
+    ) -> "TipRows":  # fmt: skip
         """Rows of a robot's tool, where deviations `corrected_sd` stay of the joints `corrected`.
 
         Raises RobotError where its kinematics are not known.
@@ -195,12 +193,12 @@ class TipRows:
     def __len__(self) -> int:
         return len(self.joint)
 
-    def rows(self, chosen: Mask) -> TipRows:
+    def rows(self, chosen: Mask) -> "TipRows":
         """Give some of the rows."""
         names = ["joint", "basis", "point", *["orientation"] * (self.orientation is not None)]
         return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
-    def with_joint_sd(self, corrected: Array) -> TipRows:
+    def with_joint_sd(self, corrected: Array) -> "TipRows":
         """Rows with another deviation (n_corrected,) of the joints that the terms correct."""
         joint_sd = self.joint_sd.copy()
         joint_sd[list(self.columns)] = corrected

@@ -1,14 +1,13 @@
 """What to touch of a block: the dimples that tell most, and from which sides."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration.calibration import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.robots.chain import reach
 from truejoint.robots.robot import Robot
@@ -16,9 +15,6 @@ from truejoint.tip import touch
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipPrior, TipRows, whiten_rows
 from truejoint.tip.terms import LEFT, Terms, spread_of, wide_priors
-
-if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
 
 STAND_SD: Final = (0.1, 0.02)
 """How far a block stands from where it is meant to [rad, m]."""
@@ -120,7 +116,8 @@ def reachable(robot: Robot, pose: BlockPose) -> tuple[tuple[str, ...], Array]:
     seed = robot.home.copy()
     if robot.workspace is not None:
         seed[robot.index(robot.workspace.joints)] = robot.workspace.centre
-    joint, there = reach(robot, goal, seed)
+    chain, columns = robot.known_kinematics("points of the tool"), robot.index(robot.positioning)
+    joint, there = reach(chain, columns, goal, seed)
     there &= ((joint >= robot.lower) & (joint <= robot.upper)).all(axis=1)
     if not there.any():
         raise CalibrationError(f"all dimples of {pose.title} are out of reach; move the block")

@@ -1,24 +1,20 @@
 """Terms by which the joints are corrected, and what is expected of them before any point."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.compatibility import check_columns
 from truejoint.errors import CalibrationError
 from truejoint.estimators.polynomial.run import polynomial_factors
 from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
-
-if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration
 
 WIDTHS: Final = (1e-3, 5e-3, 2e-2)
 """Half-widths of each joint's plays for touches, as shares of its workspace."""
@@ -68,7 +64,7 @@ class Terms:
     widths: Array  # (n_joints, n_widths), half-widths of the plays [rad or m]
 
     @classmethod
-    def of_workspace(cls, robot: Robot) -> Terms:
+    def of_workspace(cls, robot: Robot) -> "Terms":
         """Terms over a robot's workspace; raises CalibrationError where none is known."""
         space = robot.workspace
         if space is None:
@@ -77,7 +73,7 @@ class Terms:
         return cls(space.joints, space.centre, space.extent / 2, scale, widths)
 
     @classmethod
-    def of_motion(cls, recording: Recording, joints: Sequence[str]) -> Terms:
+    def of_motion(cls, recording: Recording, joints: Sequence[str]) -> "Terms":
         """Terms over the way of `joints`; raises CalibrationError if one of them stands still."""
         measured = recording.columns("measured", joints)
         lower, upper = measured.min(axis=0), measured.max(axis=0)

@@ -1,7 +1,5 @@
 """Touched dimples of a block: when, where the block stands, and what they calibrate."""
 
-from __future__ import annotations
-
 import csv
 import math
 import os
@@ -119,7 +117,7 @@ class Touches:
     def __len__(self) -> int:
         return len(self.t)
 
-    def among(self, dimples: Container[str], *, are_in: bool = True) -> Touches:
+    def among(self, dimples: Container[str], *, are_in: bool = True) -> "Touches":
         """Touches of some dimples, or of all others; raises CalibrationError if there are none."""
         rows = zip(self.t, self.dimple, strict=True)
         chosen = [(t, name) for t, name in rows if (name in dimples) is are_in]
@@ -499,7 +497,7 @@ class TouchReport:
     Examples
     --------
     >>> TouchReport.__dataclass_fields__["stated_noise"].type
-    'float'
+    <class 'float'>
     """
 
     touches: Touches

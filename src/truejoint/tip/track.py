@@ -5,8 +5,6 @@ the joints and the delay of the tracker are estimated together, by the fit of `T
 no motion can tell from them is named, and must be stated by a person.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence
@@ -426,7 +424,9 @@ def _described(joined: Recording, registered: Registered, track: Track) -> Recor
     return replace(joined, provenance=replace(origin, notes=text, dropped=dropped))
 
 
-def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begins: float) -> float:
+def _coarse_offset(
+    motion: "TrackedMotion", track: Track, near: float | None, begins: float
+) -> float:
     """Offset of the track's clock from a recording's that `begins` at a time of day [s].
 
     By the path of the tool, within reach of `near`, an offset of the clocks themselves [s].
@@ -445,7 +445,7 @@ def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begi
     return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), about)
 
 
-def _check_seen(source: str, fit: TipFit, motion: TrackedMotion) -> None:
+def _check_seen(source: str, fit: TipFit, motion: "TrackedMotion") -> None:
     """Refuse a motion that leaves the zero of a joint open; say what it is mixed up with."""
     k, sd, open_ = len(fit.state.coefficients), fit.sd, []
     places = slice(k, k + len(_WORDS))
@@ -462,7 +462,7 @@ def _check_seen(source: str, fit: TipFit, motion: TrackedMotion) -> None:
 
 
 def _judge(
-    motion: TrackedMotion, track: Track, fit: TipFit, offset: float
+    motion: "TrackedMotion", track: Track, fit: TipFit, offset: float
 ) -> tuple[TipRows, Mask, int, tuple[Stretch, ...]]:
     """Tell inliers from strays, and from stretches of time in which most readings stray.
 
@@ -578,7 +578,7 @@ class TrackedMotion:
     @classmethod
     def of(
         cls, recording: Recording, kinematics: Kinematics, joints: Sequence[str]
-    ) -> TrackedMotion:
+    ) -> "TrackedMotion":
         """Motion of a recording; raises CalibrationError if one of the `joints` stands still."""
         robot, measured = recording.robot, recording.joints_of("measured")
         joint = np.tile(robot.home, (len(recording), 1))

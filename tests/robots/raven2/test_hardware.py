@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truejoint.robots import get_robot
-from truejoint.robots.raven2 import arm, hardware
+from truejoint.robots.raven2 import hardware
 
 
 @pytest.fixture(params=["left", "right"])
@@ -51,17 +51,15 @@ def test_homing_runs_into_the_hard_stop_beyond_the_soft_limits(side):
 
 
 def test_joint_encoders_are_registered_off_the_robots_own_zero():
-    offsets = {
-        encoder.joint: encoder.hard_stop - drive.hard_stop
-        for encoder, drive in zip(hardware.JOINT_ENCODERS, hardware.drives("left")[:3], strict=True)
-    }
+    encoders, drives = get_robot("raven2").encoders, hardware.drives("left")[:3]
+    offsets = {e.joint: e.hard_stop - d.hard_stop for e, d in zip(encoders, drives, strict=True)}
     assert np.degrees(offsets["elbow"]) == pytest.approx(-7.5)
     assert offsets["insertion"] == pytest.approx(10.467e-3)
     assert offsets["shoulder"] == 0
 
 
 def test_gravity_points_down_in_the_crtk_frame(side):
-    down = arm.kinematics(side).crtk_from_base[:3, :3] @ hardware.GRAVITY
+    down = get_robot("raven2", side).kinematics.crtk_from_base[:3, :3] @ hardware.GRAVITY
     np.testing.assert_allclose(down, [0, 0, -9.8])
 
 
@@ -70,7 +68,7 @@ def test_gravity_loads_both_arms_alike():
     joints = np.hstack([joints, np.zeros((20, 4))])
 
     def energy(side):
-        frames = arm.kinematics(side).link_frames(joints)
+        frames = get_robot("raven2", side).kinematics.link_frames(joints)
         total = np.zeros(len(joints))
         for k, link in enumerate(hardware.links(side)):
             position = frames[:, k] @ np.array([*link.centre_of_mass, 1.0])

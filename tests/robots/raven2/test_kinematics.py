@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from truejoint.errors import RobotError
 from truejoint.recordings.datasets import read_dataset
 from truejoint.robots import get_robot
-from truejoint.robots.raven2 import arm as raven2
 
 SIDES = ["left", "right"]
 
@@ -34,7 +33,7 @@ nudges = st.lists(st.floats(-1, 1), min_size=7, max_size=7).map(np.array)
 
 @pytest.fixture(params=SIDES)
 def arm(request):
-    return raven2.kinematics(request.param)
+    return get_robot("raven2", request.param).kinematics
 
 
 def within_limits(side, fraction):
@@ -43,7 +42,7 @@ def within_limits(side, fraction):
 
 
 def crtk_pose(side, joints):
-    arm = raven2.kinematics(side)
+    arm = get_robot("raven2", side).kinematics
     return arm.crtk_from_base @ arm.forward(joints)
 
 
@@ -102,7 +101,7 @@ def test_jaws_opening_together_leave_the_tool_in_place(arm):
 @settings(max_examples=100, deadline=None)
 @given(side=st.sampled_from(SIDES), fraction=fractions, nudge=nudges)
 def test_inverse_recovers_the_joints_from_a_seed_nearby(side, fraction, nudge):
-    kinematics = raven2.kinematics(side)
+    kinematics = get_robot("raven2", side).kinematics
     joint = within_limits(side, fraction)
     pose = pose_away_from_singularities(kinematics, joint)
     assume(abs(joint[2] - 0.47) > 5e-3)  # nearer, the other side of the centre is as near

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
 from truejoint.motion import random_motion
+from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
-from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV, JOINT_ENCODERS, drives, links
+from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV, drives, links
 from truejoint.simulation.arm.kernel import gravity_load
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
 from truejoint.studies.raven2.sessions import JOINTS, record, zigzags
@@ -81,7 +82,7 @@ def test_sensors_have_the_robots_resolutions_and_rates():
     joints = twin.robot.joint_channels
     nominal_joint = twin.robot.transmission.joint_from_motor(out.motor[:, joints])
     np.testing.assert_allclose(out.measured[:, joints], nominal_joint, atol=1e-12)
-    for k, encoder in enumerate(JOINT_ENCODERS):
+    for k, encoder in enumerate(get_robot("raven2").encoders):
         steps = (out.truth.position[:, k] - out.truth.position[0, k]) / encoder.resolution
         np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
         true = np.interp(out.truth.t - 2e-3, out.t, out.joint[:, k])

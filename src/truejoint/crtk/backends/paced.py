@@ -1,7 +1,5 @@
 """The simulated back end at the pace of the wall clock, as a robot's control computer runs."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

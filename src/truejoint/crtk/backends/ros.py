@@ -1,7 +1,5 @@
 """An arm that is reached over ROS: a robot, or `truejoint node simulate`."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

@@ -1,7 +1,5 @@
 """The simulated back end: an arm on any digital twin."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Message classes of Cyclone DDS that are on the wire what ROS 2's are, made from definitions."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """ROS 1 through rospy, as Debian or a ROS of one's own brings it."""
 
-from __future__ import annotations
-
 import logging
 import sys
 import threading

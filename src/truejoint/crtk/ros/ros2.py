@@ -4,8 +4,6 @@ What DDS is told so that ROS 2's nodes and tools take this for one of theirs fol
 ros2/rmw_cyclonedds:rmw_cyclonedds_cpp/src/rmw_node.cpp and ros2/rmw_dds_common.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import threading
@@ -193,7 +191,7 @@ class Ros2:
     def _begin(self, writer: DataWriter[Any]) -> Callable[[], None]:
         return self._shown(self._writers, writer, lambda: _end(writer))
 
-    def _listen(self, subscription: _Subscription) -> Callable[[], None]:
+    def _listen(self, subscription: "_Subscription") -> Callable[[], None]:
         """Begin to hand messages over; gives what ends it."""
         subscription.attach(self._waits)
         return self._shown(

@@ -1,7 +1,5 @@
 """State messages of an arm's topics as rows of a recording's columns."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Mapping

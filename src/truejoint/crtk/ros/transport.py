@@ -1,7 +1,5 @@
 """Interface to a ROS of either version: topics, messages and a clock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol

@@ -8,8 +8,6 @@ stretch lets them: ``q = P^-1 (R a - c3 D - c2 (D + f2) - c1 (D + f1 + f2))``. A
 Dahl's. A loop whose slacker cable lets go, beyond twice the pretension, is half as stiff.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

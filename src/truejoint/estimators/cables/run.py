@@ -4,8 +4,6 @@ Its model is `cable_loops`. Radii, zeros and eccentric pulleys are what is added
 linear function of where cables that give nowhere would have them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from math import sqrt

@@ -3,8 +3,6 @@
 Where the features leave what it was fitted to, every bell is 0 and the mean is predicted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final
 

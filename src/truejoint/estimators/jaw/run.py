@@ -1,7 +1,5 @@
 """What runs of yan2020 for a jaw: the unscented filter, (12)-(25), and least squares, (29)-(30)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from math import nan, sqrt
@@ -181,7 +179,7 @@ class ForcepsModel(SimpleNamespace):
 
 
 LAYOUT: Final = filter_layout().declare(__package__, "error", "filter", COEFFICIENTS=COEFFICIENTS)
-LAST_MOTOR, LAST_RESET = map(LAYOUT.at, ("motor", "reset"))
+LAST_MOTOR, LAST_RESET = LAYOUT.places("motor reset")
 unpack = LAYOUT.unpacker()
 
 

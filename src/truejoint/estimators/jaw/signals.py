@@ -1,7 +1,5 @@
 """A cable-driven jaw's signals, and the rational error model (25) of yan2020."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import exp, nan
 from typing import Final

@@ -15,8 +15,6 @@ motor stands, a difference between the two that changes is a load's doing, or th
 a load has turned round. So what is believed of the difference may then fall, and not grow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import exp, expm1, nan, sqrt
 from typing import Final
@@ -297,7 +295,7 @@ FAMILY: Final = Family(
 )
 
 GATED_LAYOUT: Final = Layout().declare(__package__, "gated")
-BELIEVED, RESET_PART, BOTH_PART = map(GATED_LAYOUT.at, ("believed", "reset", "both"))
+BELIEVED, RESET_PART, BOTH_PART = GATED_LAYOUT.places("believed reset both")
 unpack_gated = GATED_LAYOUT.unpacker()
 
 DOUBT: Final = 0.5

@@ -3,8 +3,6 @@
 There is one with boosted trees that learn what it leaves, too.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Final, cast
 
@@ -188,7 +186,7 @@ class Motion:
         follow_rows(self.dt, self.angle, widths, out)
         return out
 
-    def pick(self, rows: Integers) -> Motion:
+    def pick(self, rows: Integers) -> "Motion":
         """Take some of the rows, in order and with the first of each history among them."""
         clock = np.cumsum(self.dt)
         dt = np.diff(clock[rows], prepend=clock[rows[:1]])

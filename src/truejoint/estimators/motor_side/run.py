@@ -4,8 +4,6 @@ Everything is in units of the calibration: the driver's angle ``d`` from the mid
 half ranges, torques in standard deviations of the driver's torque.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -205,7 +203,7 @@ def elastic_prior(arrays: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 LAYOUT: Final = at.filter_layout().declare(__package__, "filter")
-LAST, BESIDE = map(LAYOUT.at, ("last", "torque"))
+LAST, BESIDE = LAYOUT.places("last torque")
 unpack = LAYOUT.unpacker()
 
 

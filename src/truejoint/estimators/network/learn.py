@@ -3,8 +3,6 @@
 The deep one is trained by the Keras loss and Adam, the others on windows of rows.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -104,7 +102,7 @@ class NeuralNetwork(JointRegressor):
         return arrays
 
     def train(
-        self, layers: Layers, X: Floats, y: Floats, epochs: int, rng: np.random.RandomState
+        self, layers: "Layers", X: Floats, y: Floats, epochs: int, rng: np.random.RandomState
     ) -> Iterator[int]:
         """Train in place on standardised rows, in a fresh order in each epoch; give each of them.
 

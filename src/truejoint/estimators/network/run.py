@@ -8,8 +8,6 @@ of n sees ``2**n`` updates; it adds what its rectified units give to what it was
 causal convolutions with residual connections: Bai, Kolter and Koltun, arXiv 1803.01271).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise
@@ -222,7 +220,7 @@ GRU: Final = Family(
 )
 
 TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "convolution")
-TCN_ELAPSED, COUNT = map(TCN_LAYOUT.at, ("elapsed", "count"))
+TCN_ELAPSED, COUNT = TCN_LAYOUT.places("elapsed count")
 unpack_tcn = TCN_LAYOUT.unpacker()
 
 

@@ -1,10 +1,8 @@
 """Models on plays and low-passes of every feature, and on plays of a forceps' motor and cables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,9 +26,7 @@ from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.polynomial.run import interaction_factors, of_degree
 from truejoint.estimators.rules import Params, Rule
 from truejoint.estimators.stack.learn import Stack
-
-if TYPE_CHECKING:
-    from truejoint.robots import Robot
+from truejoint.robots import Robot
 
 JAW_PENALTY: Final = 1e-5
 _FIRST_REACH: Final = 0.1  # half-width of each play where the search starts, in half ranges

@@ -10,8 +10,6 @@ Moreau's sweeping process (Journal of Differential Equations 26, 1977) in severa
 joint it is a play. What is eccentric, as a capstan may be, errs once in each of its turns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -51,7 +49,7 @@ the drive cable.
 JAW_SIGNALS: Final = (MOTOR, DRIVE, RESET)
 
 LAYOUT: Final = Layout().declare(__package__, "plays")
-ROW, MODEL = map(LAYOUT.at, ("row", "model"))
+ROW, MODEL = LAYOUT.places("row model")
 unpack = LAYOUT.unpacker()
 
 

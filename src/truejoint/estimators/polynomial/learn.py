@@ -1,7 +1,5 @@
 """Fixed offset, linear and polynomial regression (peng2024, II-C), and ridge regression."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -257,7 +255,7 @@ def _products(scaled: Array, y: Array, factors: Integers) -> Array:
 
 
 def _without_far(
-    scaled: Array, y: Array, factors: Integers, products: Array, weights: Array, fit: PenalisedFit
+    scaled: Array, y: Array, factors: Integers, products: Array, weights: Array, fit: "PenalisedFit"
 ) -> Array:
     """Coefficients (1 + n_terms, n_outputs), each output fitted again without rows far off.
 

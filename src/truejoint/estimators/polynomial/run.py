@@ -1,7 +1,5 @@
 """Polynomials of the features, from a constant on (peng2024, II-C), and chosen products."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import combinations_with_replacement

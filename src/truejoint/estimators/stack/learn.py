@@ -1,11 +1,9 @@
 """Estimators made of others: a weighted sum, or one after the other, held to a range if asked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +18,8 @@ from truejoint.estimators.polynomial.learn import Polynomial
 from truejoint.estimators.rules import ANYTHING, LARGEST, RANDOM_STATE, Params, Rule
 from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
-
-if TYPE_CHECKING:
-    from truejoint.recordings import Recording
-    from truejoint.robots import Robot
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
 
 Places = Sequence[int]
 

@@ -5,8 +5,6 @@ stays, or goes on along a straight line: polynomials, products of plays and tree
 it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """What scikit-learn has learnt as arrays of ours, where a family of ours computes the same."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -123,7 +121,7 @@ class TreeSum(NamedTuple):
     trees: list[Tree]
     offset: Array
 
-    def rescaled(self, mean: Array | float, scale: Array | float) -> TreeSum:
+    def rescaled(self, mean: Array | float, scale: Array | float) -> "TreeSum":
         """Give `mean` and `scale`, numbers or (n_outputs,), times what this gives."""
         trees = [tree._replace(value=tree.value * scale) for tree in self.trees]
         return TreeSum(trees, mean + scale * self.offset)

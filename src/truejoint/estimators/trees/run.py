@@ -1,7 +1,5 @@
 """Sums of decision trees: single ones, forests, and boosted trees."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final
 

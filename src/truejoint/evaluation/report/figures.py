@@ -1,13 +1,11 @@
 """Figures of the pages, as plain values for Plotly: pieces, then errors over time and position."""
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle, pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +26,9 @@ from truejoint.evaluation.results import (
 from truejoint.evaluation.score_tables import worst_first
 from truejoint.recordings.table.stream import gaps
 from truejoint.tables import fixed, shown
+from truejoint.tip import TouchReport
 from truejoint.toml_file import shipped_table
 from truejoint.units import DisplayUnit, display_unit
-
-if TYPE_CHECKING:
-    from truejoint.tip import TouchReport
 
 Spec = dict[str, Any]
 Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves

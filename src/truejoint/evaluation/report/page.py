@@ -1,7 +1,5 @@
 """Self-contained HTML pages: what a calibration is worth, several side by side, and touches."""
 
-from __future__ import annotations
-
 import json
 import re
 from base64 import b64encode
@@ -13,7 +11,7 @@ from hashlib import sha256
 from importlib.resources import files
 from itertools import combinations, cycle, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import jinja2
 import numpy as np
@@ -21,6 +19,7 @@ from pandas import DataFrame
 
 from truejoint import drawing
 from truejoint._version import __version__, versions
+from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
@@ -36,11 +35,8 @@ from truejoint.evaluation.results import (
 )
 from truejoint.evaluation.scoring import WINDOW
 from truejoint.files import check_target, write_atomically
+from truejoint.tip import TouchReport
 from truejoint.units import with_unit
-
-if TYPE_CHECKING:
-    from truejoint.calibration import Calibration
-    from truejoint.tip import TouchReport
 
 _POLICY: Final = "script-src 'self'"  # as the template has it
 _SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)

@@ -1,7 +1,5 @@
 """The judge: what recordings cover, and what in them would mislead a calibration."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -112,7 +110,7 @@ class DataCheck(Summarised):
         failed = dict.fromkeys(f.name for f in self.findings if f.level == "fail")
         return tuple(name for name in failed if name not in self.accepted)
 
-    def accept(self, names: Iterable[str]) -> DataCheck:
+    def accept(self, names: Iterable[str]) -> "DataCheck":
         """Go on though there are failures of these `names`; a verdict keeps its reservation."""
         return replace(self, accepted=tuple(names))
 
@@ -127,7 +125,7 @@ class DataCheck(Summarised):
                 worst.append(replace(group[0], what=what))
         return tuple(worst)
 
-    def with_findings(self, findings: Iterable[Finding]) -> DataCheck:
+    def with_findings(self, findings: Iterable[Finding]) -> "DataCheck":
         """Add findings; those of a level stand before the ones that were there."""
         ordered = sorted([*findings, *self.findings], key=lambda finding: ORDER[finding.level])
         return replace(self, findings=tuple(ordered))
@@ -154,7 +152,7 @@ def check_data(
     recordings: Recording | Sequence[Recording],
     *,
     joints: Sequence[str] | None = None,
-    model: Calibration | None = None,
+    model: "Calibration | None" = None,
     needs_truth: bool = True,
 ) -> DataCheck:
     """Check recordings before they are used to fit or to judge a calibration.
@@ -233,7 +231,9 @@ def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
         yield Finding("info", "load", f"one load only: {masses}", _EVERYWHERE, advice)
 
 
-def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) -> Iterable[Finding]:
+def _judge_extrapolation(
+    recordings: Sequence[Recording], model: "Calibration"
+) -> Iterable[Finding]:
     features = model.feature_set
     by_recording = [features.compute(r, model.gap_limit) for r in recordings]
     yield from one_line_each(_strange(recordings, by_recording, model), recordings)
@@ -252,7 +252,7 @@ def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) ->
 
 
 def _strange(
-    recordings: Sequence[Recording], rows: Sequence[Array], model: Calibration
+    recordings: Sequence[Recording], rows: Sequence[Array], model: "Calibration"
 ) -> Iterable[tuple[Defect, Recording]]:
     """Find recordings whose signals are far from the training's, as another instrument's are.
 

@@ -1,7 +1,5 @@
 """What the judge of recordings can find: one line each; `findings.toml` has their meanings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -92,7 +90,7 @@ class Defect(Finding):
 
 
 def one_line_each(
-    defects: Iterable[tuple[Defect, Recording]], recordings: Sequence[Recording]
+    defects: "Iterable[tuple[Defect, Recording]]", recordings: "Sequence[Recording]"
 ) -> Iterable[Finding]:
     """One finding for each kind of defect and signal; the worst recording speaks for all."""
     groups: dict[tuple[str, str, str], list[tuple[Defect, Recording]]] = {}

@@ -1,7 +1,5 @@
 """Every file layout by name; its reader is imported when it is first called."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -44,7 +42,7 @@ class Format:
 
     name: str
     summary: str
-    read: Callable[..., Recording | list[Recording]]
+    read: "Callable[..., Recording | list[Recording]]"
     options: tuple[str, ...] = ()
     folder: bool = False
     reads_head: bool = False

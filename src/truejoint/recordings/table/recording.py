@@ -1,7 +1,5 @@
 """The `Recording`: one table with named columns, units and provenance."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -96,7 +94,7 @@ class Provenance:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            plain = _plain(each.name, str(each.type), getattr(self, each.name))
+            plain = _plain(each.name, each.type, getattr(self, each.name))
             object.__setattr__(self, each.name, plain)
         # A reason for which nothing was dropped need not be told.
         object.__setattr__(self, "dropped", {k: n for k, n in self.dropped.items() if n})
@@ -106,28 +104,28 @@ class Provenance:
         return dict(json_values(self))
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
+    def from_dict(cls, values: Mapping[str, Any]) -> "Provenance":
         """Inverse of `to_dict`; raises RecordingError on unknown keys and wrong kinds of value."""
         unknown = [name for name in ("load", "start") if values.get(name) is None]
         stated = {key: value for key, value in values.items() if key not in unknown}
         return schema.read(cls, stated, "provenance", RecordingError)
 
 
-def _plain(name: str, kind: str, value: Any) -> Any:
+def _plain(name: str, kind: Any, value: Any) -> Any:
     """Field of a provenance that is annotated as `kind`, as a file keeps it."""
-    if kind == "str" and isinstance(value, str):
+    if kind is str and isinstance(value, str):
         # Half a character, as of a file's name, can go nowhere.
         return value.encode("utf-8", "backslashreplace").decode()
     is_unknown = isinstance(value, float | np.floating) and math.isnan(value)
-    if kind == "float" and (is_unknown or _is_number(value)):
+    if kind is float and (is_unknown or _is_number(value)):
         return float(value)
     if (
-        kind.startswith("Mapping")
+        kind not in (str, float)
         and isinstance(value, Mapping)
         and all(isinstance(key, str) and _is_number(number) for key, number in value.items())
     ):
         return {k: int(n) if isinstance(n, Integral) else float(n) for k, n in value.items()}
-    want = {"str": "text", "float": "a number in SI units"}.get(kind, "numbers by name")
+    want = {str: "text", float: "a number in SI units"}.get(kind, "numbers by name")
     raise RecordingError(f"provenance: {name!r} is {value!r:.60}; want {want}")
 
 
@@ -193,7 +191,7 @@ class Recording(Summarised):
         *,
         robot: Robot | None = None,
         copy: bool = True,
-    ) -> Recording:
+    ) -> "Recording":
         """Make a recording of columns by name; units of joint positions come from the robot.
 
         `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
@@ -362,7 +360,7 @@ class Recording(Summarised):
         """Truth minus measured (n, n_joints) [rad or m]; the correction to be added."""
         return self.columns("truth", joints) - self.columns("measured", joints)
 
-    def rows(self, selection: slice | Mask | Integers) -> Recording:
+    def rows(self, selection: slice | Mask | Integers) -> "Recording":
         """Keep the selected rows only; raises RecordingError where they do not fit it."""
         try:
             rows: Any = selection if isinstance(selection, slice) else np.atleast_1d(selection)
@@ -374,7 +372,7 @@ class Recording(Summarised):
             ) from None
         return replace(self, table=table.reset_index(drop=True))
 
-    def with_truth(self, joints: Sequence[str]) -> Recording:
+    def with_truth(self, joints: Sequence[str]) -> "Recording":
         """Only the rows in which the truth of every joint in `joints` is known."""
         return self.rows(np.flatnonzero(~np.isnan(self.columns("truth", joints)).any(axis=1)))
 

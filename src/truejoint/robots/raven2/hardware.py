@@ -1,25 +1,16 @@
-"""Numbers of the RAVEN-II hardware: drives, homing, control, links and joint encoders.
+"""Numbers of the RAVEN-II hardware: drives, homing, control and links.
 
 Facts are from uw-biorobotics/raven2 (branch crtk) unless another source stands beside them.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from typing import Final
 
-from truejoint.robots.parts import JointEncoder
-
 _DEG: Final = math.pi / 180.0
 
-# Period of the servo loop [s] (src/raven/rt_process_preempt.cpp).
-CONTROL_PERIOD: Final = 1e-3
 # Counts of a motor encoder per turn of the motor shaft (include/raven/motor.h).
 ENCODER_COUNTS_PER_REV: Final = 4000
-# Largest change of a setpoint in one control period [rad, m] (branch crtk).
-CRTK_MAX_INCREMENT_ANGLE: Final = 0.0025
-CRTK_MAX_INCREMENT_INSERTION: Final = 5e-5
 # Time [s] over which the homing speed builds up (src/raven/trajectory.cpp); at the hard stops until
 # the encoders are registered; from there to the home pose along 1 - cos (src/raven/homing.cpp).
 HOMING_RAMP: Final = 0.5
@@ -136,12 +127,3 @@ def links(arm: str) -> tuple[Link, Link, Link]:
         Link(0.750, (-0.002, -0.18274, side * -0.23053)),
         Link(0.231, (0.0, 0.0, 0.0)),
     )
-
-
-# Encoders of peng2024 (section IV-B); zeros, directions and tolerances from
-# uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py.
-JOINT_ENCODERS: Final = (
-    JointEncoder("shoulder", 2 * math.pi / 80000, 0.0, "lower", -1, 50),
-    JointEncoder("elbow", 2 * math.pi / 80000, 130 * _DEG),
-    JointEncoder("insertion", 5e-6, 0.572467),
-)

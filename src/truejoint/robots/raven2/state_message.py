@@ -4,8 +4,6 @@ Fields and their meaning: uw-biorobotics/raven2:msg/raven_state.msg and src/rave
 message has them of both arms, here are those of one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Final

@@ -14,8 +14,6 @@ What runs in every millisecond is inlined: handing over the arrays of plant and 
 than the equations.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters that the twins of all arms have; the shipped files say what each means."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """Constants of the equations of an arm, from its parameters and from what its hardware is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """`ArmTwin`: a virtual arm on cables, without the homing of one robot."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar, Final
 

@@ -1,7 +1,5 @@
 """`DvrkPsmTwin`: a virtual PSM with an instrument, its parameters and its hardware."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Final, NamedTuple

@@ -1,7 +1,5 @@
 """A weight hung on the jaw's tip by hand, as in yan2020, section IV-D."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Parameters of the virtual forceps, and the numbers that its compiled dynamics read."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple

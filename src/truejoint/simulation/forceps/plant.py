@@ -9,8 +9,6 @@ behind the gear's backlash. The motor loop runs beside it: nothing acts back on 
 gear behind it twists.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -18,19 +16,14 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, inlined
 from truejoint.robots.blocks import SETPOINT_DT
+from truejoint.simulation import friction
 from truejoint.simulation.forceps.parameters import CableConstants, PlantConstants
-from truejoint.simulation.friction import (
-    N_ELEMENTS,
-    ContactLaw,
-    guide_travel,
-    maxwell_slip,
-    stribeck_peak,
-)
+from truejoint.simulation.friction import ContactLaw
 
 N_STATES = 8  # that Runge and Kutta integrate
 TRAVEL, CREEP, JAW_STUCK = 0, 2, 4  # places in the history behind the states
-SLIDER_STUCK = JAW_STUCK + N_ELEMENTS
-WHEEL = SLIDER_STUCK + N_ELEMENTS
+SLIDER_STUCK = JAW_STUCK + friction.N_ELEMENTS
+WHEEL = SLIDER_STUCK + friction.N_ELEMENTS
 N_HISTORY = WHEEL + 1
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
 
@@ -94,7 +87,7 @@ def pull_cable(
         behind, stiffness = cable_force((held - end - bent) / last - crept, yielded, cable)
         behind = max(behind + cable.pretension, 0.0)
         stiffness = stiffness / last if behind > 0.0 else 0.0
-        slid = guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
+        slid = friction.guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
         before, behind = max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0)
         x1 = held + first * (stretch + crept) + (1.0 - share) * slid
         share /= share + first * (1.0 - share)  # of the whole cable
@@ -124,7 +117,7 @@ def friction_force(
     The bristle relaxes at most at `max_rate` [1/s], which only binds in a fast run-away where the
     fixed step could not follow it.
     """
-    limit = f.presliding * stribeck_peak(speed, f)
+    limit = f.presliding * friction.stribeck_peak(speed, f)
     rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
     force = level / f.presliding * bristle + f.damping * rate + f.viscous * speed
     return force, rate
@@ -236,8 +229,8 @@ def plant_rates(
     slider_level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
     if c.is_maxwell_slip:
         rates[4], rates[5] = 0.0, 0.0
-        jaw_drag = maxwell_slip(angle, speed, level, c.jaw_law, history, JAW_STUCK, keep)
-        drag = maxwell_slip(
+        jaw_drag = friction.maxwell_slip(angle, speed, level, c.jaw_law, history, JAW_STUCK, keep)
+        drag = friction.maxwell_slip(
             slider, slider_speed, slider_level, c.slider_law, history, SLIDER_STUCK, keep
         )
     else:

@@ -4,8 +4,6 @@ Results differ more between specimens than between seeds of the noise, so a meth
 many of them.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """The virtual forceps: jaw angles wanted in, what its sensors and an oracle would show out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
@@ -43,7 +41,7 @@ class ZeroShift:
     reset: float = 0.0
 
     @classmethod
-    def drawn(cls, deviation: float, seed: int | Sequence[int]) -> ZeroShift:
+    def drawn(cls, deviation: float, seed: int | Sequence[int]) -> "ZeroShift":
         """Zeros of one homing of the cables' encoders, normal with `deviation` [m].
 
         The motor shares the drive cable's limit switch and keeps its zero here.

@@ -1,7 +1,5 @@
 """The RAVEN-II arm as its twin takes it: its software's numbers, and how the real arm differs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from truejoint.robots import Robot

@@ -1,7 +1,5 @@
 """Parameters of the RAVEN-II twin; nominal.toml says what each means and comes from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, NamedTuple
 

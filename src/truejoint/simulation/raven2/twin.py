@@ -1,7 +1,5 @@
 """`Raven2Twin`: a virtual RAVEN-II arm that errs the way the real one does."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator
 from typing import ClassVar, Final
 

@@ -1,7 +1,5 @@
 """Parameters of an instrument's cables, and the arrays that its compiled dynamics read."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple

@@ -11,8 +11,6 @@ State: where the cables stand at the nodes, joints and their speeds, friction, m
 in place, so that a motion may be cut anywhere.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

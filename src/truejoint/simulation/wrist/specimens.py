@@ -1,7 +1,5 @@
 """Populations of wristed instruments, to judge methods on many of them."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The virtual wrist: joint angles wanted in, what its sensors and an oracle would show out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Generator
 from typing import ClassVar, Final

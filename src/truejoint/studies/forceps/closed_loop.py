@@ -23,7 +23,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select
+from truejoint.studies.rows import ecdf_figure, frame_table, notes_on, quantiles, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
@@ -170,14 +170,9 @@ def summarise(results: Results) -> Summary:
     degrees = degrees.map("{:.3f}".format)
     pairs = group.assign(text=degrees.rms + " (" + degrees.exact_rms + ")")
     pairs = pairs.pivot_table("text", "load", "name", "first", sort=False)
-    note = (
-        "RMS error in degrees on (28) against the reference encoder that the estimators were "
-        "calibrated on, and in brackets against the jaw itself, which the encoder's own error is "
-        f"part of. Loads are of {settings['mass_g']:g} g; the loop runs at "
-        f"{settings['rate_hz']:g} Hz."
-    )
+    notes = notes_on("tracking", **settings.options)
     tables = (
-        frame_table(f"Tracking (28), {specimen}", pairs, (note,), head="load"),
+        frame_table(f"Tracking (28), {specimen}", pairs, notes, head="load"),
         _spread(settings, every),
     )
     drawn = concat(
@@ -200,12 +195,7 @@ def _spread(settings: Settings, every: DataFrame) -> Table:
     table = quantiles(every, "row", "rms", {"median": 0.5, "95 %": 0.95, "worst": 1.0})
     within = 100 * every.groupby("row").within.mean()
     table = table.assign(within=within.map("{:.0f} %".format))
-    notes = (
-        "RMS error in degrees against the reference encoder on the first "
-        f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {every.specimen.nunique()} specimens "
-        f"of seed {settings.seed}, prior {settings['prior']}; the last column counts those within "
-        f"{BARS['none']:g} deg without a load and {BARS['steady']:g} deg with one.",
-        "Refused, since no set-point takes the jaw where it is wanted or the loop falls back: "
-        f"{every.rms.isna().sum()}; not within.",
-    )
+    about = {**settings.options, "seed": settings.seed, "specimens": every.specimen.nunique()}
+    first, refused = min(settings["seconds"], _A_PERIOD), every.rms.isna().sum()
+    notes = notes_on("tracking_spread", **about, first=first, refused=refused, bars=BARS)
     return frame_table("Tracking over the population", table, notes, head="load: loop")

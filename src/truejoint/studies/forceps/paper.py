@@ -17,7 +17,7 @@ from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.rows import frame_table, reported, reported_text, select, unique
+from truejoint.studies.rows import frame_table, notes_on, reported, reported_text, select, unique
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
@@ -88,15 +88,8 @@ def unloaded_summary(results: Results) -> Summary:
         " paper": paper("figure 6", 27, "rms"),
         "RMS to the jaw": degrees(verified, "exact_rms"),
     }
-    notes = (
-        "Degrees, on trajectory (28) against the reference encoder at the jaw, from 2.2 s on; "
-        "fitted on (27). Of the first draw of the sensors' noise; claims are judged over all "
-        f"{settings['draws']}.",
-        claims.RULE,
-        "The last column is against the jaw itself: it holds the encoder's own error, which "
-        "every calibrated method learns.",
-        *m.note_left_out(settings, verified),
-    )
+    notes = notes_on("unloaded", **settings.options, rule=claims.RULE)
+    notes += m.note_left_out(settings, verified)
     title = f"yan2020 Table 2 and figure 6, specimen {name}"
     table = frame_table(
         title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
@@ -275,14 +268,8 @@ def loaded_summary(results: Results) -> Summary:
     ends = np.rad2deg(1.0) * by.agg({"largest": "max", "smallest": "min"})
     ends = ends.map(partial(fixed, decimals=2)).agg("/".join, axis=1)
     turns = np.rad2deg(1.0) * rows.drop_duplicates("part").groupby("load").turn.median()
-    draws = rows.draw.nunique()
-    notes = (
-        "Error in degrees against the reference encoder in phases I, moving / II, still / IV, "
-        f"loaded; {draws} draws of the hand that hangs the weight and of the sensors' noise. The "
-        "paper's numbers are of its filter; which way it loaded it does not say.",
-        *m.note_left_out(settings, rows),
-        claims.RULE,
-    )
+    notes = notes_on("loaded", draws=rows.draw.nunique())
+    notes += [*m.note_left_out(settings, rows), claims.RULE]
     name = f"yan2020 Table 3, specimen {specimen}"
     tables = (
         table(

@@ -1,7 +1,7 @@
 """Methods, and designs of sensors and cables, on many virtual specimens, each a part."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from typing import Any, Final
 
@@ -21,7 +21,14 @@ from truejoint.simulation.forceps.specimens import PRIORS, population
 from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.claim_tests import RULE, mostly, ordered
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, quantiles, select, unique
+from truejoint.studies.rows import (
+    ecdf_figure,
+    frame_table,
+    median_texts,
+    notes_on,
+    quantiles,
+    select,
+)
 from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summary
 
 LEVEL: Final = 0.9
@@ -119,18 +126,10 @@ def population_summary(results: Results) -> Summary:
         table = table.join(quantiles(loaded, "name", "deg", under)).join(
             held.rename(f"IV within {_HELD:g} deg")
         )
-    hung = (
-        "; IV hung still, every weight and direction of every specimen a case (at twice the speed "
-        "of IV-D)"
-    )
-    notes = (
-        f"RMS error in degrees against the reference encoder, {len(results.arrays)} specimens of "
-        f"seed {settings.seed}, prior {settings['prior']}, homing deviation "
-        f"{settings['homing_um']:g} um, calibrated on the motion {settings['motion']}: unloaded on "
-        f"(28){hung * bool(len(loaded))}.",
-        *(_within(unloaded, loaded) if len(loaded) and m.BEST in rms else ()),
-        *m.note_left_out(settings, rows),
-    )
+    about = {**settings.options, "seed": settings.seed, "specimens": len(results.arrays)}
+    notes = notes_on("population", **about, hung=notes_on("hung")[0] if len(loaded) else "")
+    notes += _within(unloaded, loaded) if len(loaded) and m.BEST in rms else ()
+    notes += m.note_left_out(settings, rows)
     claims, count = [], len(rms)
     if set(m.PAPERS) <= set(rms) and not len(loaded):
         value = share(rms, *m.PAPERS)
@@ -152,14 +151,12 @@ def share(errors: DataFrame, *methods: str) -> float:
     return float(np.all(np.diff(errors[list(methods)]) < 0.0, axis=1).mean())
 
 
-def _within(unloaded: DataFrame, loaded: DataFrame) -> Iterator[str]:
+def _within(unloaded: DataFrame, loaded: DataFrame) -> list[str]:
     """State how often our default stays within its half-width."""
     alone, cases = (select(rows, method=m.BEST).inside for rows in (unloaded, loaded))
-    yield (
-        f"{m.TITLES[m.BEST]}: a stated {100 * LEVEL:.0f} % holds in {100 * alone.mean():.0f} % of "
-        f"rows unloaded (worst specimen {100 * alone.min():.0f} %), in {100 * cases.mean():.0f} % "
-        "in phase IV."
-    )
+    shares = {"level": LEVEL, "alone": alone.mean(), "worst": alone.min(), "loaded": cases.mean()}
+    percent = {name: 100 * share for name, share in shares.items()}
+    return notes_on("within", title=m.TITLES[m.BEST], **percent)
 
 
 def tension_parts(settings: Settings) -> Sequence[Part]:
@@ -188,10 +185,7 @@ def tension_summary(results: Results) -> Summary:
     rows = rows.assign(deg=np.degrees(rows.rms), name=rows.method.map(m.TITLES), case=case)
     table = rows.pivot_table("deg", "case", "name", "median", sort=False).map("{:.3f}".format)
     grams = ", ".join(f"{mass:g}" for mass in settings["masses_g"])
-    notes = (
-        f"Median RMS error in degrees against the reference encoder, {settings['count']} specimens "
-        f"of each law, unloaded on (28) and hung still (IV) under {grams} g.",
-    )
+    notes = notes_on("tension", **settings.options, grams=grams)
     made = (frame_table("Tension of the cables", table, notes, head="cables"),)
     hung = select(rows[rows.load != UNLOADED], method=m.PAPERS_BEST)
     errors = hung.pivot_table("deg", "specimen", "tension")
@@ -227,14 +221,10 @@ def swinging_summary(results: Results) -> Summary:
     """Errors by load and method, and whether our default's are below those of the paper's."""
     settings, rows = results.settings, results.rows
     rows = rows.assign(rmse=np.degrees(rows.rms), name=rows.method.map(m.TITLES))
-    note = (
-        "RMS error in degrees on (28) against the reference encoder, median (worst) of "
-        f"{settings['count']} specimens of seed {settings.seed}, prior {settings['prior']}; the "
-        f"load goes between nothing and {settings['mass_g']:g} g, no loop corrects the motor."
-    )
+    notes = notes_on("swinging", **settings.options, seed=settings.seed, rule=RULE)
     texts = median_texts(rows, ["load", "name"], "rmse", 3)
-    table = frame_table("Loads that swing", texts, (note, RULE), head="load")
-    swung = [name for name in unique(rows, "load") if name != UNLOADED and name[0] != "0"]
+    table = frame_table("Loads that swing", texts, notes, head="load")
+    swung = [name for name in rows.load.unique() if name != UNLOADED and name[0] != "0"]
     low, high = ({"method": name} for name in (m.BEST, m.PAPERS_BEST))
     claim = CLAIMS["swinging"]._replace(judge=ordered(low, high, {"load": swung}))
     judged = {m.BEST, m.PAPERS_BEST} <= set(rows.method) and swung
@@ -380,7 +370,7 @@ def sweep_summary(results: Results) -> Summary:
     for title, errors in (("median", by.median()), ("worst specimen", by.max())):
         texts = errors.map("{:.3f}".format)
         grid = (texts.unloaded + "/" + texts.loaded).unstack()
-        grid = grid.loc[unique(rows, "sensors"), unique(rows, "cables")]
+        grid = grid.loc[rows.sensors.unique(), rows.cables.unique()]
         tables.append(frame_table(f"Every design, {title}", grid, notes, head="sensors"))
     return Summary(tables)
 

@@ -20,7 +20,7 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.rows import frame_table, paper_numbers, reported, reported_text
+from truejoint.studies.rows import frame_table, notes_on, paper_numbers, reported, reported_text
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
@@ -240,11 +240,7 @@ def timing_summary(results: Results) -> Summary:
             "paper [us]": printed("inference one sample", "mean", "{:g}", 1e3),
         }
     )
-    notes = (
-        f"{times.rows.iloc[0]:.0f} rows, sparsities {results.settings['training']}; medians, "
-        "one thread, of the machine that ran this, with whatever else it did.",
-        "The paper's are of a 2.2 GHz Xeon and a framework's call for each sample.",
-    )
+    notes = notes_on("timing", **results.settings.options, rows=times.rows.iloc[0])
     judged = claims.judged(TIMING_CLAIMS, rows) if set(s.TWO) <= set(times.index) else ()
     title = "peng2024 Table V: time"
     return Summary((frame_table(title, table, notes, decimals=2, head="model"),), claims=judged)

@@ -18,7 +18,7 @@ from truejoint.simulation.raven2 import Raven2Twin
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
-from truejoint.studies.rows import select
+from truejoint.studies.rows import notes_on, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary, get_study
 
 FITTED_TO: Final = ("J1", "J2-J3")
@@ -299,14 +299,8 @@ def features_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     rows = rows.assign(condition=rows.kind + ", " + rows.set)
     methods = [name for name in _METHODS if name in set(rows.method)]
     name = f"peng2024 figure 8, specimen {title}"
-    notes = (
-        "Selected: measured position and torque of every channel, 16; all: "
-        f"{rows.inputs.iloc[0]} of one arm's state message, constant ones included (the paper "
-        "counts 138).",
-        f"Mean over {results.settings['hours']} hours of unloaded work. A dash: the polynomial "
-        "of all features has more coefficients than a tenth of the rows, and is not fitted.",
-        claims.RULE,
-    )
+    about = {**results.settings.options, "inputs": rows.inputs.iloc[0], "rule": claims.RULE}
+    notes = notes_on("features", **about)
     table = tables.accuracy_table(name, rows, methods, notes=notes)
     caption = "RMSE over the hours by features and training."
     drawn = rows[rows.method.isin(methods) & (rows.method != "poly2")]

@@ -25,7 +25,7 @@ from truejoint.evaluation.evaluate import split_sides
 from truejoint.evaluation.scoring import rmse
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
-from truejoint.studies.rows import frame_table, mean_text, reported, select, unique
+from truejoint.studies.rows import frame_table, mean_text, notes_on, reported, select, unique
 from truejoint.studies.study import CLAIMS, Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import DASH, decimals_for, fixed
 from truejoint.units import display_unit
@@ -143,9 +143,7 @@ def summarise(results: Results) -> Summary:
     rows = rows.assign(**sizes, name=name)
     why = dict(zip(refused.estimator + " on " + refused.dataset, refused.refused, strict=True))
     notes = (
-        "RMSE on whole recordings, or the last part by time, that no fit saw, ± standard deviation "
-        "over the seeds of a network; all features are causal, those of linear, poly2 and dnn "
-        "suited to the data.",
+        *notes_on("real"),
         *[f"{HWANG}: both motions together, four samples of all joints, the first tenth held out."]
         * (_DVRK in settings["datasets"]),
         *(f"{what}: {reason}" for what, reason in why.items()),

@@ -23,7 +23,7 @@ from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, select, unique
+from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, notes_on, select, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
@@ -297,15 +297,7 @@ def _angles(rows: DataFrame, settings: Settings) -> Table:
         for joint in JOINTS:
             table[f"{test}: {joint}" if joint == JOINTS[0] else joint + mark] = medians[joint, test]
         table["worst" + mark], table["in 90 %" + mark] = worst[test], shares[test]
-    notes = (
-        "RMS error in degrees against the joints themselves, median of the specimens of seed "
-        f"{settings.seed}; worst: of any specimen's any joint; share of errors within what a "
-        f"filter states for 90 %, median. Fitted to {settings['free_s']:g} s of multi-sines "
-        f"without load and {settings['loaded_s']:g} s under loads, by motors alone to the first; "
-        f"tested on {settings['test_s']:g} s of steps each.",
-        "Loads: grips half of the time and pushes at the tip up to 2 N along two axes. Motors "
-        "alone do not see them.",
-    )
+    notes = notes_on("wrist", **settings.options, seed=settings.seed)
     title = "Pitch and jaws of a wristed instrument"
     return frame_table(title, table, notes, head="estimator, family")
 
@@ -322,12 +314,8 @@ def _loads(rows: DataFrame) -> Table:
         )
         table["in 90 %" + " " * n] = shares[LOADED, load]
     table["grip when free"] = errors[FREE, "grip"]
-    note = (
-        "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
-        "the RMS of the load itself, and the share within what is stated for 90 %: pitch and yaw "
-        "are torques of the force at the tip. What a pin holds by friction no motor feels."
-    )
-    return frame_table("Grip and tip torque", table, (note,), head="estimator, family")
+    notes = notes_on("wrist_loads")
+    return frame_table("Grip and tip torque", table, notes, head="estimator, family")
 
 
 def _shares(rows: DataFrame, keys: list[str]) -> DataFrame:
