@@ -181,6 +181,7 @@ def _assembled(
             X,
             error,
             resting_features(task.recordings, task.feature_set, task.joints, task.units),
+            task.joints,
         ),
         parity=parity,
         redundant=redundant,
