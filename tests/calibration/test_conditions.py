@@ -113,12 +113,19 @@ def test_noise_turns_nothing():
 
 
 def test_swings_are_learnt_with_those_beside_them():
-    t, positions = path(0.5, 1.0, 0.0, 1.0, 0.9)
+    t, positions = path(0.5, 1.0, 0.0, 1.0, 0.9, 0.95)
     learnt = learn_motion([t], [positions[:, None]], 1.0, np.zeros(1))
     swings = learnt["swings"].reshape(CELLS, CELLS)
     assert swings[0, CELLS - 1] == swings[1, CELLS - 2] == 1.0  # between the ends, and nearly
     assert swings[0, CELLS // 2] == swings[CELLS // 2, CELLS // 2] == 0.0
     assert learnt["pace_lower"] <= learnt["stride"][0] / 0.4 <= 1.1 * learnt["pace_upper"]
+
+
+@pytest.mark.parametrize(("noise", "stride"), [(0.001, 1 / STEPS), (0.01, 0.04), (1.0, 1 / CELLS)])
+def test_a_step_is_longer_than_noise_and_no_longer_than_a_cell(noise, stride):
+    t, positions = path(0.0, 1.0, 0.0)
+    learnt = learn_motion([t], [positions[:, None]], 1.0, np.array([noise]))
+    assert learnt["stride"].tolist() == [stride]
 
 
 def test_motion_too_short_for_a_rate_states_none():

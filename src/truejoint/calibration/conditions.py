@@ -108,7 +108,7 @@ def learn_rows(
         if rate[COUNT] >= AVERAGED:
             pace[0], pace[1] = min(pace[0], rate[PACE]), max(pace[1], rate[PACE])
         for j in range(n_joints):
-            if motion[TURNED, j] > 1.0:
+            if motion[TURNED, j] > 0.0:  # one of the two may be where it started
                 at = swing_cell(motion[VALLEY, j], motion[PEAK, j], lower[j], cells[j])
                 swings[j, at // CELLS, at % CELLS] = 1.0
 

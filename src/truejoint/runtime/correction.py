@@ -9,16 +9,8 @@ from math import inf, isfinite, isnan, nan
 from typing import Final
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.conditions import (
-    AVERAGED,
-    COUNT,
-    PACE,
-    PEAK,
-    TURNED,
-    VALLEY,
-    follow_motion,
-    swing_cell,
-)
+from truejoint.calibration import conditions as seen
+from truejoint.calibration.conditions import follow_motion, swing_cell
 from truejoint.calibration.interval import range_excess
 from truejoint.compiled import compiled, copy, fill, inlined, vector
 from truejoint.estimators.family import call_row
@@ -446,15 +438,15 @@ def judge_motion(numbers: Integers, memory: Array, fresh: bool) -> None:
     m = unpack(numbers, memory)
     follow_motion(fresh, m.t, m.sample, m.measured, m.stride, m.rate, m.motion)
     unlearnt = 0
-    if m.rate[COUNT] >= AVERAGED:
-        if m.rate[PACE] < m.pace_lower:
+    if m.rate[seen.COUNT] >= seen.AVERAGED:
+        if m.rate[seen.PACE] < m.pace_lower:
             unlearnt |= Unlearnt.FASTER.value
-        elif m.rate[PACE] > m.pace_upper:
+        elif m.rate[seen.PACE] > m.pace_upper:
             unlearnt |= Unlearnt.SLOWER.value
     for j in range(m.n_joints):
-        lower, cells = m.swing_lower[j], m.cells[j]
-        at_swing = swing_cell(m.motion[VALLEY, j], m.motion[PEAK, j], lower, cells)
-        if m.motion[TURNED, j] > 1.0 and m.swings[j, at_swing] == 0:
+        valley, peak = m.motion[seen.VALLEY, j], m.motion[seen.PEAK, j]
+        cell = swing_cell(valley, peak, m.swing_lower[j], m.cells[j])
+        if m.motion[seen.TURNED, j] > 1.0 and m.swings[j, cell] == 0:
             unlearnt |= Unlearnt.SWING.value
     numbers[at.UNLEARNT] = unlearnt
 
