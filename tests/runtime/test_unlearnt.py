@@ -1,5 +1,7 @@
 """Motion unlike that of the training is named, and corrected all the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,15 @@ def test_a_pause_is_not_slow_and_a_gap_begins_anew(model):
     assert corrector.unlearnt == Unlearnt.FASTER
     corrector.step(100.0, stream(t[:1])[0])
     assert corrector.unlearnt == Unlearnt.LEARNT
+
+
+def test_a_training_without_a_range_or_a_rate_warns_of_none(model):
+    domain = model.training_domain
+    edited = replace(domain, swing_upper=domain.swing_lower, pace_lower=0.0, pace_upper=0.0)
+    t = np.arange(0.0, 30.0, 1 / 30)
+    warned, good = shares(ready(replace(model, training_domain=edited)), t, stream(2.0 * t))
+    assert good == 1.0
+    assert warned[Unlearnt.FASTER] == warned[Unlearnt.SLOWER] == 0.0
 
 
 def test_a_trace_holds_the_warnings(model):
