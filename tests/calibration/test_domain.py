@@ -43,7 +43,7 @@ def test_changes_and_standstill_as_counted_by_hand():
     ]
     t = [0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 7.0, 7.1]
     X, error = np.array(rows), np.array(rows)[:, :1]
-    training_domain = fit_training_domain([table(t, rows)], SIGNALS, 1.0, X, error, NONE)
+    training_domain = fit_training_domain([table(t, rows)], SIGNALS, 1.0, X, error, NONE, ["elbow"])
     np.testing.assert_allclose(training_domain.signal_step, [0.5, 0.4, 0.0], rtol=1e-12)
     np.testing.assert_allclose(
         training_domain.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12
@@ -73,7 +73,7 @@ def test_copies_of_a_feature_are_told_apart_but_not_without_end():
     X = np.column_stack([x, x, rng.normal(size=500)])
     rows = np.column_stack([x, rng.normal(size=(500, 2))])
     training_domain = fit_training_domain(
-        [table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1], NONE
+        [table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1], NONE, ["elbow"]
     )
     split = np.linalg.norm(training_domain.whitening @ [0.5, -0.5, 0.0])
     expected = np.sqrt(0.5) / x.std() / np.sqrt(SMALLEST_VARIANCE)
@@ -91,7 +91,7 @@ def test_where_a_joint_rests_is_no_matter_of_the_distance():
     every = FeatureSet.parse(SIGNALS)
     resting = resting_features(training, every, ["elbow"], units)
     assert resting.tolist() == [False, False, True]
-    domain = fit_training_domain(training, SIGNALS, 2.0, X, X[:, :1], resting)
-    alone = fit_training_domain(training, SIGNALS, 2.0, X[:, :2], X[:, :1], NONE[:2])
+    domain = fit_training_domain(training, SIGNALS, 2.0, X, X[:, :1], resting, ["elbow"])
+    alone = fit_training_domain(training, SIGNALS, 2.0, X[:, :2], X[:, :1], NONE[:2], ["elbow"])
     np.testing.assert_allclose(domain.whitening[:, 2], 0.0)
     assert domain.distance == pytest.approx(alone.distance)

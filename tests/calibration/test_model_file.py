@@ -145,8 +145,8 @@ def with_header(header: Any, data: bytes = b"") -> bytes:
         {"__metadata__": {"truejoint": "[" * 50_000}}, {"__metadata__": {"truejoint": "[]"}},
         {"__metadata__": {"truejoint": '{"format": true}'}},
         {"__metadata__": {"truejoint": '{"format": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 7, "a": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 7, "a": "\\ud800"}'}},
+        {"__metadata__": {"truejoint": '{"format": 8, "a": 1e999}'}},
+        {"__metadata__": {"truejoint": '{"format": 8, "a": "\\ud800"}'}},
     ],
     ids=lambda header: str(header)[:40],
 )  # fmt: skip
@@ -171,7 +171,7 @@ def test_hostile_headers_are_refused(tmp_path, header):
     ids=str,
 )  # fmt: skip
 def test_headers_that_lie_about_tensors_are_refused(tmp_path, entry):
-    header = {"__metadata__": {"truejoint": '{"format": 7}'}, "a": entry}
+    header = {"__metadata__": {"truejoint": '{"format": 8}'}, "a": entry}
     refused(tmp_path, with_header(header, bytes(16)), r"tensor|its arrays cannot be read")
 
 
@@ -287,6 +287,9 @@ def test_every_part_survives_its_file_and_may_be_missing(tmp_path, complete, rec
         ("training_domain/signal_step", lambda a: -1.0 - a),
         ("training_domain/signal_lower", lambda a: a + 1e9),
         ("training_domain/error_upper", lambda a: a - 1e9),
+        ("training_domain/stride", lambda a: a * 0),
+        ("training_domain/pace_lower", lambda a: a + 1e9),
+        ("training_domain/swings", lambda a: a[:, 1:]),
         ("training_domain/whitening", lambda a: a[1:]),
         ("training_domain/surprise", lambda a: a),
         ("effort_baseline/scale", lambda a: a * 0),

@@ -12,7 +12,7 @@ import pytest
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
 from truejoint.calibration import with_interval
 from truejoint.evaluation import part_by_time
-from truejoint.runtime import Corrector, Status
+from truejoint.runtime import Corrector, Status, Unlearnt
 
 ANYHOW = "--accept range"  # half of the random motion is outside the zig-zag's range
 
@@ -36,14 +36,14 @@ def test_a_corrected_table_is_what_the_loop_gives(call, session, random, line):
     expected = []
     for t, sample in zip(random.t, rows, strict=True):
         status = corrector.step(t, sample)
-        expected.append([*corrector.position, Status(status).name])
+        expected.append([*corrector.position, Status(status).name, corrector.unlearnt.name])
     found = pd.read_csv("out.csv")
     measured, corrected = (
         [f"{quantity}/{joint}" for joint in corrector.joints]
         for quantity in ("measured", "corrected")
     )
-    assert list(found) == ["t", *measured, *corrected, "status"]
-    frame = pd.DataFrame(expected, columns=[*corrected, "status"])
+    assert list(found) == ["t", *measured, *corrected, "status", "unlearnt"]
+    frame = pd.DataFrame(expected, columns=[*corrected, "status", "unlearnt"])
     pd.testing.assert_frame_equal(found[[*frame]], frame, rtol=0, atol=1e-9)
     before = random.table[["t", *measured]]
     pd.testing.assert_frame_equal(found[[*before]], before, rtol=0, atol=1e-6)
@@ -52,6 +52,18 @@ def test_a_corrected_table_is_what_the_loop_gives(call, session, random, line):
     (counts,) = result["recordings"]
     assert counts["rows"] == len(found) == counts["corrected"] + sum(counts["flagged"].values())
     assert counts["corrected"] == (found["status"] == "OK").sum()
+    warned = {w.name: int(found["unlearnt"].str.contains(w.name).sum()) for w in Unlearnt}
+    assert counts["unlearnt"] == {name: n for name, n in warned.items() if n}
+
+
+def test_motion_that_is_slower_than_the_trainings_is_named(call, session, random, line):
+    slow = replace(random, table=random.table.assign(t=4.0 * random.t))
+    write_parquet(slow, "slow.parquet")
+    said = call(f"correct {session}/m.st slow.parquet -o slow.csv {ANYHOW} --accept delay").err
+    share = pd.read_csv("slow.csv")["unlearnt"].str.contains("SLOWER").mean()
+    assert share > 0.5
+    words = f"in {100 * share:.1f} % of the rows the arm moves slower than in training"
+    assert f"SLOWER: {random.provenance.session}: {words}" in " ".join(said.split())
 
 
 def test_several_recordings_go_into_one_table(call, session, line):

@@ -53,6 +53,17 @@ def test_what_lies_between_is_not_named(model):
     assert remarks(model, swings("c", rate=0.55, slope=1.13, middle=0.3, force=1.2)) == ()
 
 
+def test_where_no_recording_is_unlike_the_loop_names_the_rows_that_are(model):
+    half, whole = swings("c", size=0.25, middle=0.05, rate=1.0), swings("c")
+    t = whole.t
+    columns = {n: np.r_[half.column(n)[: len(t) // 2], whole.column(n)[len(t) // 2 :]]
+               for n in whole.units}  # fmt: skip
+    both = Recording.from_columns({"t": t} | columns, whole.provenance, {"effort/jaw": "Nm"})
+    (remark,) = remarks(model, both)
+    assert remark.startswith("In ")
+    assert remark.endswith(" % of the rows a joint swings between other points than in training.")
+
+
 def test_recordings_are_named_together(model):
     (remark,) = remarks(model, swings("between"), *(swings(f"c{k}", force=3.0) for k in range(5)))
     assert remark.startswith("jaw has larger efforts than in training in c0, c1, c2 and 2 more: 2.")

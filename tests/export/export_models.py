@@ -86,7 +86,7 @@ def calibration(
         fitted_baselines={},
         origin=Origin(sample_dt=1 / 30, homing_ids=tuple(homing_ids)),
         metadata={"data_sha256": "0" * 64},
-        training_domain=fit_training_domain([training], needed, 0.3, X, error, resting),
+        training_domain=fit_training_domain([training], needed, 0.3, X, error, resting, joints),
         interval=None
         if rezero is None
         else Interval(np.array([0.8, 0.9]), widths, 2.0, rezero, 12, 12),

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.runtime.streams import faulty
+from tests.runtime.streams import faulty, run
 
 from truejoint.calibration.zero import Zero
 from truejoint.errors import ExportError, ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
 from truejoint.export.export_c import check_prefix, comment, export_c, table
-from truejoint.runtime import Corrector, Status
+from truejoint.runtime import Corrector, Status, Unlearnt
 
 from .export_models import HISTORY, PLAIN, calibration, recording
 from .library import Library, expected, exported, needs_compiler
@@ -68,6 +68,26 @@ def test_source_does_what_the_corrector_does(tmp_path_factory, data):
 
 
 @needs_compiler
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_source_warns_of_motion_as_the_corrector_does(tmp_path, precision):
+    model = calibration(Polynomial(1), seed=2)
+    moving = recording(model.loop_signals, 900, seed=2)
+    samples = moving.table[list(model.loop_signals)].to_numpy().astype(np.float32).astype(float)
+    samples[600:] = samples[599] + 0.7 * (samples[600:] - samples[600])
+    t = np.array(moving.t)
+    t = np.cumsum(np.diff(t, prepend=t[0]) * np.repeat([1.0, 0.34, 2.5], 300))
+    library = exported(tmp_path, model, precision)
+    library.functions.start()
+    library.run(t, samples, len(model.joints))
+    corrector, warned = Corrector(model), []
+    corrector.set_homing(True, "h1")
+    run(corrector, t, samples, lambda row: warned.append(int(corrector.unlearnt)))
+    assert library.unlearnt[:-1].tolist() == warned[1:]
+    counts = [sum(bool(bits & warning) for bits in warned) for warning in Unlearnt]
+    assert min(counts) > 30
+
+
+@needs_compiler
 def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
     model = calibration(Polynomial(1), rezero=10.0)
     model = replace(model, zero=Zero(np.zeros(len(model.joints))))
@@ -91,7 +111,7 @@ def test_many_signals_are_checked_in_a_loop(tmp_path):
 @pytest.mark.parametrize(
     ("errors", "precision", "said"),
     [((-1e-9, 1e-9), "float", "in float, shoulder would be off by up to"),
-     ((1.0, 2.0), "double", "only 0 of 1112 samples would be corrected")],
+     ((1.0, 2.0), "double", "only 0 of 1618 samples would be corrected")],
 )  # fmt: skip
 def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, precision, said):
     model = calibration(Polynomial(0), PLAIN)
@@ -118,6 +138,9 @@ def test_header_explains_every_status(tmp_path):
     header = (tmp_path / "m.h").read_text()
     for status in set(Status) - {Status.WRONG_SIZE, Status.OTHER_THREAD}:
         assert re.search(rf"M_{status.name} = {int(status)},? /\* \w.*\w \*/", header)
+    for warning in Unlearnt:
+        assert f"M_UNLEARNT_{warning.name} = {int(warning)}" in header
+        assert f"/* {warning.words} */" in header
 
 
 def test_nothing_is_overwritten_unless_told(tmp_path):

@@ -1,6 +1,7 @@
 """Tests of truejoint.runtime.node: a corrector between topics."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -163,6 +164,20 @@ def test_it_says_what_it_waits_for_what_is_lacking_and_when_a_topic_stops(
     assert "is silent" in line.said[3]
     assert "/arm1/measured_js: 1 positions without names" in line.said[4]
     assert level == 2
+
+
+def test_motion_unlike_the_trainings_is_said_and_corrected_all_the_same(model, recording):
+    slow = replace(recording, table=recording.table.assign(t=3.0 * recording.t))
+    line = Line(model, homing_id="h1")
+    with line.node:
+        line.home()
+        line.feed(slow, range(len(slow)))
+        line.node._report()
+        diagnostics = line.ros.last["/diagnostics"].status[0]
+    assert "the arm moves slower than in training" in line.said[-1]
+    assert line.said[-1].startswith("correcting /arm1/measured_js, but")
+    assert diagnostics.level == 1
+    assert line.node.corrected > 800
 
 
 def test_a_model_whose_signals_no_topic_has_is_refused_by_name(recording):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration.conditions import learn_motion
 from truejoint.compiled import compiled
 
 if TYPE_CHECKING:
@@ -48,6 +49,12 @@ class TrainingDomain:
     distance: float  # largest length of a whitened row
     error_lower: Array  # (n_joints,), range of truth minus measured [rad or m]
     error_upper: Array
+    stride: Array  # (n_joints,), way that counts as a step, or as a turn back [rad or m]
+    pace_lower: float  # least time of a step of the arm, averaged (`follow_motion`) [s]
+    pace_upper: float  # 0 where it was never that long in motion
+    swing_lower: Array  # (n_joints,), range of each measured position [rad or m]
+    swing_upper: Array
+    swings: Array  # (n_joints, CELLS ** 2), 1 for the last turning points, and those near them
 
 
 def fit_training_domain(
@@ -57,11 +64,13 @@ def fit_training_domain(
     features: Array,
     error: Array,
     resting: Mask,
+    joints: Sequence[str],
 ) -> TrainingDomain:
     """Training domain of recordings: of the columns `signals`, and of the rows with truth.
 
     Those have the features (n, k) and the `error` (n, n_joints) [rad or m], truth minus measured;
-    no change is looked at across `gap_limit` [s] without a row. `resting` are `resting_features`.
+    no change is looked at across `gap_limit` [s] without a row. `resting` are `resting_features`,
+    `joints` those that are corrected.
     """
     columns = ([recording.column(signal) for signal in signals] for recording in recordings)
     tables = [np.ascontiguousarray(np.column_stack(arrays)) for arrays in columns]
@@ -83,6 +92,8 @@ def fit_training_domain(
     moves, partner = upper > lower, partners(signals)
     for t, table in zip(times, tables, strict=True):
         watch_changes(t, table, gap_limit, moves, partner, flicker, step, travel, hold)
+    at = [signals.index(f"measured/{joint}") for joint in joints]
+    positions = [np.ascontiguousarray(table[:, at]) for table in tables]
     span = np.where(moves, upper - lower, 1.0)
     mean = features.mean(axis=0)
     used = varies(features.min(axis=0), features.max(axis=0)) & ~resting
@@ -105,6 +116,7 @@ def fit_training_domain(
         distance=float(np.linalg.norm((features - mean) @ whitening.T, axis=1).max()),
         error_lower=error.min(axis=0),
         error_upper=error.max(axis=0),
+        **learn_motion(times, positions, gap_limit, flicker[at] / FLICKER),
     )
 
 

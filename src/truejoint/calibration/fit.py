@@ -180,6 +180,7 @@ def _assembled(
             X,
             error,
             resting_features(task.recordings, task.feature_set, task.joints, task.units),
+            task.joints,
         ),
         parity=parity,
         potentiometers=learn_reference(task.recordings, task.joints),

@@ -20,6 +20,7 @@ import safetensors.numpy
 from truejoint import files, schema
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, Fit, as_calibration
+from truejoint.calibration.conditions import CELLS
 from truejoint.calibration.domain import TrainingDomain
 from truejoint.calibration.efforts import BEGINNINGS, EffortBaseline, count_effort_terms
 from truejoint.calibration.interval import MAX_LEVELS, Interval, needed_trajectories
@@ -33,7 +34,7 @@ from truejoint.features.feature_set import FeatureSet, is_signal
 from truejoint.robots.catalogue import robot_of
 from truejoint.schema import Bounds, Length, Pattern, Shape
 
-FORMAT_VERSION: Final = 7
+FORMAT_VERSION: Final = 8
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
 MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512
@@ -65,7 +66,14 @@ _PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {
     "training_domain": (
         TrainingDomain,
         _axes(
-            TrainingDomain, "s", feature_mean="f", whitening="ff", error_lower="j", error_upper="j"
+            TrainingDomain,
+            "s",
+            feature_mean="f",
+            whitening="ff",
+            swings="jc",
+            **dict.fromkeys(
+                ("error_lower", "error_upper", "stride", "swing_lower", "swing_upper"), "j"
+            ),
         ),
     ),
     "effort_baseline": (EffortBaseline, _axes(EffortBaseline, "j", coef="jt", beginning="bj")),
@@ -77,8 +85,9 @@ _PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {
     ),
 }
 """A letter for each axis of an array: s signals of the loop, n those of the model, f features, j
-joints, t terms of an effort, b beginnings, p stretches; another one is of any length."""
-_POSITIVE: Final = re.compile(r"dt|scale|\w+_limit|residual|correlation|beginning")
+joints, t terms of an effort, b beginnings, p stretches, c pairs of turning points; another one is
+of any length."""
+_POSITIVE: Final = re.compile(r"dt|scale|stride|\w+_limit|residual|correlation|beginning")
 _SIGNED: Final = re.compile(
     r"feature_mean|whitening|coef|difference|matrix|intercept|.*lower|.*upper"
 )
@@ -290,7 +299,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     sizes = {
         "s": len(stated.units) + len(stated.redundant), "n": len(stated.units), "j": n_joints,
         "f": len(stated.features), "t": count_effort_terms(n_joints), "b": len(BEGINNINGS),
-        "p": STRETCHES,
+        "p": STRETCHES, "c": CELLS**2,
     }  # fmt: skip
     first, again = _fit(stated.fit, parts, ""), stated.rezeroed_fit
     offsets, moves = parts.pop("zero", {}), parts.pop("moves", {})

@@ -76,6 +76,11 @@ def correct(
         rows.append((each["recording"], f"{each['rows']}", share, flagged))
     print_table(("recording", "rows", "corrected", "in doubt, why"), rows, title=str(output))
     say(_interval_line(tables))
+    for each in counts:
+        for name, n in each["unlearnt"].items():
+            share = f"{100 * n / each['rows']:.1f} %"
+            words = truejoint.runtime.Unlearnt[name].words
+            say(f"{name}: {each['recording']}: in {share} of the rows {words}")
     if any("HOMED_AGAIN" in name for each in counts for name in each["flagged"]):
         homings = ", ".join(calibration.origin.homing_ids) or "none"
         say(
@@ -112,7 +117,7 @@ def correct_rows(
     before = {"t": t} | {f"measured/{j}": recording.column(f"measured/{j}") for j in joints}
     if calibration.family.row is None:
         table = calibration.correct_table(recording, level).drop(columns="t")
-        return pd.DataFrame(before).join(table).assign(status=_NOT_JUDGED)
+        return pd.DataFrame(before).join(table).assign(status=_NOT_JUDGED, unlearnt=_NOT_JUDGED)
     calibration.check_recording(recording)
     corrector = corrector_for(calibration, [recording], level=level, on_fault=on_fault)
     corrector.set_homing(True, recording.provenance.homing_id or None)
@@ -125,9 +130,11 @@ def correct_rows(
         columns |= {f"half_width/{joint}": half_width[:, k] for k, joint in enumerate(joints)}
     for name, quantity in trace.beside.items():
         columns[f"{name}/{joints[0]}"], columns[f"{name}_half_width/{joints[0]}"] = quantity.T
-    bits, place = np.unique(trace.status, return_inverse=True)
-    status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
-    return pd.DataFrame(columns).assign(status=status)
+    kinds = {"status": truejoint.runtime.Status, "unlearnt": truejoint.runtime.Unlearnt}
+    for column, kind in kinds.items():
+        bits, place = np.unique(getattr(trace, column), return_inverse=True)
+        columns[column] = np.array([kind(int(b)).name for b in bits], dtype=object)[place]
+    return pd.DataFrame(columns)
 
 
 def _without_truth(recording: truejoint.Recording) -> truejoint.Recording:
@@ -147,7 +154,12 @@ def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
     """How many rows were corrected, and how many were in doubt, by status."""
     counts = {str(status): int(n) for status, n in table["status"].value_counts().items()}
     corrected = sum(counts.pop(status, 0) for status in ("OK", _NOT_JUDGED))
-    return {"recording": name, "rows": len(table), "corrected": corrected, "flagged": counts}
+    warnings = [str(warning.name) for warning in truejoint.runtime.Unlearnt]
+    warned = {w: int(table["unlearnt"].str.contains(w).sum()) for w in warnings}
+    return {
+        "recording": name, "rows": len(table), "corrected": corrected, "flagged": counts,
+        "unlearnt": {w: n for w, n in warned.items() if n},
+    }  # fmt: skip
 
 
 def _interval_line(tables: list[pd.DataFrame]) -> str:

@@ -159,7 +159,8 @@ def evaluate(
         verdict = rezero_remark(verdict, scoring.rmse(np.concatenate(plain_errors)), rezero)
     tested = {n: conditions_of(r, joints) for n, r in zip(names, recordings, strict=True)}
     learnt = [c for session in model.origin.sessions for c in session.conditions]
-    remarks = (*verdict.remarks, *scoring.unlike(learnt, tested, recordings[0].units))
+    unlike = tuple(scoring.unlike(learnt, tested, recordings[0].units)) or scoring.warned(rows)
+    remarks = (*verdict.remarks, *unlike)
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,

@@ -27,9 +27,10 @@ from truejoint.evaluation.results import AXES, OFFSET, RAW, TOOL, Domain, JointV
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction, velocity
 from truejoint.robots import Kinematics, Robot
-from truejoint.runtime import Status
+from truejoint.runtime import Status, Unlearnt
 from truejoint.runtime.corrector import corrector_for
 from truejoint.runtime.limits import believable_corrections
+from truejoint.tables import share_text
 from truejoint.toml_file import shipped_table
 from truejoint.units import shown, shown_range
 
@@ -175,7 +176,8 @@ def _facts(recording: Recording, model: Calibration, error: Array) -> dict[str, 
         corrector = corrector_for(model.baselines[OFFSET], [recording])
     corrector.set_homing(True)
     # A moved zero is another matter than rows unlike the training.
-    status = corrector.run(recording).status & _HOMING
+    trace = corrector.run(recording)
+    status = trace.status & _HOMING
     assert model.training_domain is not None  # noqa: S101  # its corrector refuses others
     (lower, upper), t = believable_corrections(model.training_domain), recording.t
     measured = recording.columns("measured", model.joints)
@@ -186,6 +188,7 @@ def _facts(recording: Recording, model: Calibration, error: Array) -> dict[str, 
         "velocity": velocity(t, measured),
         "direction": direction(t, measured),
         "status": status,
+        "unlearnt": trace.unlearnt,
         "inside": status & ~int(Status.ZERO_SUSPECT) == 0,
         "believable": np.all((error >= lower) & (error <= upper), axis=1),
     }
@@ -492,6 +495,7 @@ _FACTOR: Final = 1.25  # beyond the least and the largest that were learnt, of w
 _SHIFT: Final = 0.25  # of the shortest range that was learnt, beyond the middles that were learnt
 _SLOPE: Final = 0.02  # beyond the slopes that were learnt
 _LISTED: Final = 3  # recordings
+_WARNED: Final = 0.02  # of the rows, of which motions like those of the training have fewer
 _WORDS: Final = shipped_table(__package__, "words.toml")["beyond"]
 
 
@@ -520,6 +524,14 @@ def unlike(
                 text = _range_text([beyond.min(), beyond.max()], kind, joint, units)
                 learnt_text = ranges[f"{kind} of {joint}"]
                 yield f"{joint} {words} than in training in {names}: {text}, learnt {learnt_text}."
+
+
+def warned(rows: DataFrame) -> Iterator[str]:
+    """Say in which of the `rows` of an evaluation the loop would warn of unlearnt motion."""
+    for warning in Unlearnt:
+        share = float(np.mean(rows["unlearnt"].to_numpy() & warning != 0))
+        if share > _WARNED:
+            yield f"In {share_text(share)} of the rows {warning.words}."
 
 
 def learnt_texts(learnt: Sequence[Condition], units: Mapping[str, str]) -> dict[str, str]:

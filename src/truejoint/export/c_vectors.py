@@ -29,6 +29,7 @@ _QUIET: Final = 12  # ordinary samples between two faults
 _START: Final = 60  # ordinary samples before the first
 _SLOWLY: Final = 6  # signals that go out of range slowly
 _SLOW: Final = 28  # samples at too slow a rate
+_TRAVEL: Final = 80  # samples in which the joints go by their range and more
 _STANDING: Final = 40  # samples between two times that the joints are to stand still
 _FASTEST: Final = 0.3  # Hz
 _LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes without that fault
@@ -53,6 +54,7 @@ class Answers:
     """What comes of vectors."""
 
     status: Integers  # (n,) bits of `Status`
+    unlearnt: Integers  # (n,) bits of `Unlearnt`
     position: Array  # (n, n_joints) [rad or m]
     half_width: Array  # (n, n_joints) [rad or m]
     desired: Array  # (n, n_joints), of a compensator: where the joints are to be
@@ -156,7 +158,7 @@ def _answer(
     """
     n, m = len(vectors), len(corrector.joints)
     loop = np.empty((2, n, m if compensator else 0))
-    answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *loop)
+    answers = Answers(*np.empty((2, n), np.int64), *np.full((2, n, m), np.nan), *loop)
     target = np.full(m, np.nan)
     for i, (t, sample) in enumerate(zip(vectors.t.tolist(), vectors.sample, strict=True)):
         _act(corrector, vectors, i, offset)
@@ -170,6 +172,7 @@ def _answer(
             status = answers.status[i] = int(compensator.status)
             if i % _STANDING > _STANDING // 4:
                 target = np.where(status, np.nan, corrector.position)
+        answers.unlearnt[i] = corrector.unlearnt
         answers.position[i], answers.half_width[i] = corrector.position, corrector.half_width
     return answers
 
@@ -191,7 +194,7 @@ def _vectors(data: Calibration, limits: Limits, scale: float) -> Vectors:
     motion = _Motion(data, limits, scale)
     motion.run(1, SET_HOMING, is_homed=True, homing_id=HOMING_OF_CALIBRATION)
     motion.run(_START)
-    for fault in (_faulty_stamps, _faulty_signals, _standstill, _homings):
+    for fault in (_unlearnt_motion, _faulty_stamps, _faulty_signals, _standstill, _homings):
         for _ in fault(motion):
             motion.run(1, ACKNOWLEDGE)
             motion.run(_QUIET)
@@ -258,6 +261,16 @@ class _Motion:
         """Add ordinary samples but for one signal each."""
         part = self.run(len(signals))
         part.sample[np.arange(len(part)), signals] = values
+
+
+def _unlearnt_motion(motion: _Motion) -> Iterator[None]:
+    """Motion as fast as the first, then twice as fast, then slower at as many samples a swing."""
+    learnt = motion.speed.copy()
+    for factor, steps in ((1.0, 1.0), (2.0, 1.0), (0.25, 4.0)):
+        motion.speed = factor * learnt
+        motion.run(_TRAVEL, steps=steps)
+    motion.speed = learnt
+    yield
 
 
 def _faulty_stamps(motion: _Motion) -> Iterator[None]:

@@ -28,7 +28,7 @@ from truejoint.runtime.compensator import Compensator
 from truejoint.runtime.error_model import NOISE, inputs_and_noise
 from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
-from truejoint.runtime.status import Status
+from truejoint.runtime.status import Status, Unlearnt
 from truejoint.toml_file import shipped_table
 
 Precision = Literal["double", "float"]
@@ -147,7 +147,9 @@ def source_files(
     program = print_kernels(
         kernels, memory, "state", f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
         named={"homing": f"{guard}_NOT_HOMED"},
-        enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
+        enums={
+            Status: f"{guard}_", Unlearnt: f"{guard}_UNLEARNT_", FilterStatus: f"{guard}_FILTER_",
+        },
     )  # fmt: skip
     dtype = np.float64 if precision == "double" else np.float32
     vectors, answers, offset, error, strayed = make_vectors(
@@ -194,7 +196,7 @@ def source_files(
 def _vector_rows(vectors: Vectors, answers: Answers, precision: Precision) -> str:
     """Give the initialisers of the test vectors, a line each."""
     columns: list[Iterable[Any]] = [
-        vectors.action, vectors.is_homed, vectors.homing_id,
+        vectors.action, vectors.is_homed, vectors.homing_id, answers.unlearnt,
         Style(single=False).literals(vectors.t), rows(vectors.sample, precision), answers.status,
         rows(answers.position, "double"), rows(answers.half_width, "double"),
     ]  # fmt: skip
@@ -326,7 +328,10 @@ def comment(text: object) -> str:
 def render(template: str, context: Mapping[str, Any], precision: Precision) -> bytes:
     """Fill a template of this package with `context`; an unknown name is an error."""
     single = precision == "float"
-    names = {"real": precision, "suffix": "f" if single else "", "single": single}
+    unlearnt = _bits({bit: bit.words for bit in Unlearnt})[1:]
+    names = {
+        "real": precision, "suffix": "f" if single else "", "single": single, "unlearnt": unlearnt,
+    }  # fmt: skip
     text = _environment(precision).get_template(template).render(**names, **context)
     return text.encode("ascii")
 

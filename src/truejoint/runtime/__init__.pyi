@@ -11,3 +11,4 @@ from .monitor import Alarm as Alarm
 from .monitor import Monitor as Monitor
 from .monitor import Reason as Reason
 from .status import Status as Status
+from .status import Unlearnt as Unlearnt

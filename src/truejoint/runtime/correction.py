@@ -7,6 +7,8 @@ from math import inf, isfinite, isnan, nan
 from typing import Final
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration import conditions as seen
+from truejoint.calibration.conditions import follow_motion, swing_cell
 from truejoint.calibration.interval import range_excess
 from truejoint.compiled import compiled, copy, fill, inlined, vector
 from truejoint.estimators.family import call_row
@@ -16,7 +18,7 @@ from truejoint.products import add_triangle
 from truejoint.runtime import fields as at
 from truejoint.runtime.fields import unpack
 from truejoint.runtime.limits import AT_ONCE, BRIEFLY, RATE_STEPS, SHORTEST_STEP, SLIP_SHARE
-from truejoint.runtime.status import Status
+from truejoint.runtime.status import Status, Unlearnt
 
 MANY_LATE: Final = 10
 """Samples in a row with no newer stamp that a network is taken to have doubled or delayed."""
@@ -74,6 +76,7 @@ def judge(numbers: Integers, memory: Array, status: int) -> int:
         m.operation, m.source, m.parameter, m.slot, m.longest, m.t, m.sample, m.feature_memory,
         m.clock, m.features,
     )  # fmt: skip
+    judge_motion(numbers, memory, fresh)
     status |= judge_features(numbers, memory)
     predict(numbers, memory, 0.0 if fresh else float(step))
     return status | judge_correction(numbers, memory)
@@ -177,20 +180,22 @@ def correct_rows(
     position: Array,
     half_width: Array,
     status: Integers,
+    unlearnt: Integers,
     starts: Integers,
     beside: Array,
 ) -> None:
     """Correct rows one after the other, as the loop would.
 
     The rows are stamps `t` (n,) [s] and `samples` (n, n_signals). `position` and `half_width`
-    (n, n_joints) and `status` (n,) receive what is put out, `beside` (n, k, 2) the two numbers that
-    stand at each of `starts` (k,) in the memory.
+    (n, n_joints), `status` and `unlearnt` (n,) receive what is put out, `beside` (n, k, 2) the two
+    numbers that stand at each of `starts` (k,) in the memory.
     """
     m = unpack(numbers, memory)
     for i in range(t.shape[0]):
         memory[at.T] = t[i]
         copy(samples[i], m.sample, m.n_signals)
         status[i] = correct_sample(numbers, memory)
+        unlearnt[i] = numbers[at.UNLEARNT]
         copy(m.position, position[i], m.n_joints)
         copy(m.half_width, half_width[i], m.n_joints)
         for k in range(starts.shape[0]):
@@ -423,6 +428,25 @@ def judge_features(numbers: Integers, memory: Array) -> int:
     if not square <= m.square:
         status |= Status.OUT_OF_DOMAIN.value
     return status
+
+
+@compiled
+def judge_motion(numbers: Integers, memory: Array, fresh: bool) -> None:
+    """Say how the motion is unlike that of the training, once it has gone on for long enough."""
+    m = unpack(numbers, memory)
+    follow_motion(fresh, m.t, m.sample, m.measured, m.stride, m.rate, m.motion)
+    unlearnt = 0
+    if m.rate[seen.COUNT] >= seen.AVERAGED:
+        if m.rate[seen.PACE] < m.pace_lower:
+            unlearnt |= Unlearnt.FASTER.value
+        elif m.rate[seen.PACE] > m.pace_upper:
+            unlearnt |= Unlearnt.SLOWER.value
+    for j in range(m.n_joints):
+        valley, peak = m.motion[seen.VALLEY, j], m.motion[seen.PEAK, j]
+        cell = swing_cell(valley, peak, m.swing_lower[j], m.cells[j])
+        if m.motion[seen.TURNED, j] > 1.0 and m.swings[j, cell] == 0:
+            unlearnt |= Unlearnt.SWING.value
+    numbers[at.UNLEARNT] = unlearnt
 
 
 @compiled

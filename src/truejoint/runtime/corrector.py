@@ -28,7 +28,7 @@ from truejoint.runtime.correction import (
 )
 from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
-from truejoint.runtime.status import Status
+from truejoint.runtime.status import Status, Unlearnt
 from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
@@ -47,6 +47,8 @@ class CorrectionTrace:
         As `Corrector.position` and `Corrector.half_width` [rad or m].
     status : ndarray, shape (n,)
         Bits of `Status`.
+    unlearnt : ndarray, shape (n,)
+        Bits of `Unlearnt`.
     beside : mapping of str to ndarray, shape (n, 2)
         As `Corrector.beside`, with a row each.
 
@@ -60,6 +62,7 @@ class CorrectionTrace:
     position: Array
     half_width: Array
     status: Integers
+    unlearnt: Integers
     beside: Mapping[str, Array]
 
 
@@ -192,6 +195,11 @@ class Corrector(Summarised):
         reach = self._packed.view("reach")[self._packed.view("measured")]
         return np.asarray(reach / self._memory[at.TRAINING_DT])
 
+    @property
+    def unlearnt(self) -> Unlearnt:
+        """How the motion up to the last sample that was used is unlike that of the training."""
+        return Unlearnt(int(self._numbers[at.UNLEARNT]))
+
     def summary(self) -> dict[str, str]:
         """Give what goes in and out, and where it stands, by label."""
         return {
@@ -289,16 +297,18 @@ class Corrector(Summarised):
         t = np.array(recording.t)
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         position, half_width = np.empty((2, len(t), len(self.joints)))
-        status, beside = np.empty(len(t), np.int64), np.empty((len(t), len(self.beside), 2))
+        status, unlearnt = np.empty((2, len(t)), np.int64)
+        beside = np.empty((len(t), len(self.beside), 2))
         first = self._memory.ctypes.data
         starts = [(view.ctypes.data - first) // view.itemsize for view in self.beside.values()]
         places = np.array(starts, dtype=np.int64)
         correct_rows(
-            self._numbers, self._memory, t, samples, position, half_width, status, places, beside
-        )
+            self._numbers, self._memory, t, samples, position, half_width, status, unlearnt,
+            places, beside,
+        )  # fmt: skip
         self.release()
         named = {name: beside[:, k] for k, name in enumerate(self.beside)}
-        return CorrectionTrace(t, position, half_width, status, named)
+        return CorrectionTrace(t, position, half_width, status, unlearnt, named)
 
     __reduce__ = refuse_copy
 

@@ -8,6 +8,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conditions import CELLS, N_MOTION, N_RATE
 from truejoint.calibration.interval import LEVEL, check_level, inverse_span
 from truejoint.errors import CalibrationError, unknown
 from truejoint.layout import Layout, Memory
@@ -65,7 +66,9 @@ class OnFault:
                 raise CalibrationError(f"{name} is {value!r:.60}; give a number of at least 0")
 
 
-LAYOUT: Final = Layout().declare(__package__, "corrector")
+LAYOUT: Final = Layout().declare(
+    __package__, "corrector", N_RATE=N_RATE, N_MOTION=N_MOTION, N_SWINGS=CELLS**2
+)
 NEEDS_REZERO, HOMING, HOMING_ID, OWN_ID, IS_HOMED, TOLD_ID, WAS_LOST, REZEROED = LAYOUT.places(
     "needs_rezero homing homing_id own_id is_homed told_id was_lost rezeroed"
 )
@@ -77,7 +80,7 @@ HAS_STAMP, HAS_LAST, WAS_STALE, HAS_SPIKED, N_LATE, HAS_OUTPUT, IS_DOUBTED, SUSP
 T, STAMP, LAST_T, PARITY_T, CHANGED_T, OUTPUT_T, DOUBTED_TIME, LATE, TRAINING_DT, EXCESS = (
     LAYOUT.places("t stamp last_t parity_t changed_t output_t doubted_time late training_dt excess")
 )
-ROW, MODEL = LAYOUT.places("row model")
+ROW, MODEL, UNLEARNT = LAYOUT.places("row model unlearnt")
 
 unpack = LAYOUT.unpacker()
 """Give a kernel numbers and arrays of a corrector by name."""

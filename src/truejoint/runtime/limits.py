@@ -7,6 +7,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conditions import CELLS
 from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.features.feature_set import MAX_RATE_RATIO, MAX_STEPS
@@ -54,6 +55,8 @@ FROZEN_STEPS: Final = 30.0
 """Training time steps for which all signals may stand still at least: 1 s at 30 Hz."""
 ERROR_MARGIN: Final = 0.5
 """Share of the trained range of errors by which a correction may lie outside."""
+PACE_MARGIN: Final = 1.4
+"""How many times as fast, or as slow, as ever in training an arm is that moves unlike it."""
 LOAD_TURNS: Final = 0.5
 """Share of its trained range by which a load may turn a joint off what its motor says."""
 SHORTEST_STEP: Final = 1e-3
@@ -140,6 +143,12 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
         moves=moves.astype(np.int64),
         is_position_signal=is_position.astype(np.int64),
         **_parity(data, domain),
+        stride=domain.stride,
+        pace_lower=domain.pace_lower / PACE_MARGIN,
+        pace_upper=PACE_MARGIN * domain.pace_upper or np.inf,
+        swing_lower=domain.swing_lower,
+        cells=CELLS / np.maximum(domain.swing_upper - domain.swing_lower, _ROUNDING),
+        swings=domain.swings,
         patience=PARITY_STEPS * domain.dt,
         domain_mean=domain.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.

@@ -16,7 +16,7 @@ from truejoint.crtk.ros.transport import header_of
 from truejoint.errors import RosError
 from truejoint.robots import Robot
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.status import Status
+from truejoint.runtime.status import Status, Unlearnt
 
 DIAGNOSTICS: Final = "diagnostic_msgs/DiagnosticArray"
 _OK, _WARN, _ERROR, _STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
@@ -73,7 +73,8 @@ class CorrectorNode:
         self._told: bool | None = None  # as the corrector was told
         self._status: Status | None = None
         self._heard, self._interval = math.inf, 0.0  # of the last message [s]
-        self._recent = self._bits = 0  # messages since the last report, and their status bits
+        # Messages since the last report, their status bits, and the warnings.
+        self._recent = self._bits = self._unlearnt = 0
         self._said = ""
         self._over = threading.Event()
         self._correcting = threading.Lock()
@@ -166,6 +167,7 @@ class CorrectorNode:
         sample = [columns[signal][0] for signal in corrector.signals]
         status = corrector.step(t, np.array(sample, dtype=np.float64))
         self._bits |= status
+        self._unlearnt |= corrector.unlearnt
         if not (status and corrector.on_fault.reaction == "silent"):
             self._publish(message, columns, corrector)
         if status is not self._status:
@@ -211,11 +213,11 @@ class CorrectorNode:
     def _report(self) -> None:
         """Say how it goes: to a person what has changed, to ``/diagnostics`` all."""
         with self._correcting:
-            recent, bits = self._recent, Status(self._bits)
-            self._recent = self._bits = 0
+            recent, bits, unlearnt = self._recent, Status(self._bits), Unlearnt(self._unlearnt)
+            self._recent = self._bits = self._unlearnt = 0
         array = self._transport.stamped(DIAGNOSTICS, self._transport.now())
         status = self._transport.message("diagnostic_msgs/DiagnosticStatus")
-        status.level, status.message = self._judge(bits)
+        status.level, status.message = self._judge(bits, unlearnt)
         status.name, status.hardware_id = f"truejoint: {self._robot.title}", self._robot.title
         if status.message != self._said:
             self._said = status.message
@@ -239,7 +241,7 @@ class CorrectorNode:
         array.status.append(status)
         self._diagnostics.publish(array)
 
-    def _judge(self, bits: Status) -> tuple[int, str]:
+    def _judge(self, bits: Status, unlearnt: Unlearnt) -> tuple[int, str]:
         """Level of diagnostic_msgs and a line on how the last second went."""
         if self._stream.refusal:
             return _ERROR, self._stream.refusal
@@ -248,7 +250,8 @@ class CorrectorNode:
         if time.monotonic() - self._heard > SILENCE:
             return _STALE, f"{self.topic} is silent: does the robot still run? Waiting for it"
         if not bits:
-            return _OK, f"correcting {self.topic}"
+            words = f", but {unlearnt.words}" if unlearnt else ""
+            return _WARN if unlearnt else _OK, f"correcting {self.topic}{words}"
         if self._is_homed is None:
             name = self._stream.name("operating_state")
             return _WARN, f"waiting for {name}, which says whether the robot is homed"
