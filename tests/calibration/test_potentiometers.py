@@ -117,6 +117,13 @@ def test_a_reference_is_of_joints_that_every_recording_has(build, tmp_path):
         learn_reference([in_counts], JOINTS)
 
 
+def test_a_joint_that_never_moved_in_the_training_tells_no_zero(build):
+    still = with_pots(build(600, 1))
+    table = still.table.assign(**{"measured/elbow": 0.5})
+    known = learn_reference([Recording(table, still.units, still.provenance)], JOINTS)
+    assert np.count_nonzero(known.rows, axis=1).tolist() == [24, 1, 24]
+
+
 def test_what_tells_no_zero_is_one_line(build, model):
     run = build(600, 5)
     for recording, reason in (

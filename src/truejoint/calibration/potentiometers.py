@@ -68,7 +68,7 @@ def _by_stretch(
     position: Array, values: Array, lower: float, upper: float
 ) -> tuple[Integers, Array, Array]:
     """Stretch of each position (n,) between the two, and rows and mean value of each stretch."""
-    share = (position - lower) / (upper - lower) * STRETCHES
+    share = (position - lower) / max(upper - lower, _RESOLUTION) * STRETCHES  # of a joint at rest 0
     stretch = np.minimum(share.astype(np.int64), STRETCHES - 1)
     rows = np.bincount(stretch, minlength=STRETCHES).astype(np.float64)
     return stretch, rows, np.bincount(stretch, values, STRETCHES) / np.maximum(rows, 1.0)
