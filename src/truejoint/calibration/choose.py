@@ -470,8 +470,8 @@ def at_most(count: int, weights: Array) -> Array:
     if np.count_nonzero(need) <= count:
         return weights
     need[weights.argmax(axis=0)] += 1.0  # each joint keeps its first
-    kept = np.where(np.isin(range(len(need)), np.argsort(-need)[:count])[:, None], weights, 0.0)
-    return np.asarray(kept / kept.sum(axis=0))
+    shares = np.where(np.isin(range(len(need)), np.argsort(-need)[:count])[:, None], weights, 0.0)
+    return np.asarray(shares / shares.sum(axis=0))
 
 
 def mean_and_error(values: Array) -> tuple[float, float]:

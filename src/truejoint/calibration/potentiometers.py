@@ -60,8 +60,8 @@ def learn_reference(
         lower[k], upper[k] = measured.min(), measured.max()
         stretch, rows[k], difference[k] = _by_stretch(measured, pot - measured, lower[k], upper[k])
         residual[k] = max(np.std(pot - measured - difference[k][stretch]), _RESOLUTION)
-    found = PotentiometerReference(lower, upper, difference, rows, residual)
-    return found if rows.any() else None
+    reference = PotentiometerReference(lower, upper, difference, rows, residual)
+    return reference if rows.any() else None
 
 
 def _by_stretch(
@@ -95,8 +95,8 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
         ...
     truejoint.errors.CalibrationError: the calibration of davinci_grasper keeps no reference ...
     """
-    known = as_calibration(calibration).potentiometers
-    if known is None:
+    reference = as_calibration(calibration).potentiometers
+    if reference is None:
         raise CalibrationError(
             f"the calibration of {calibration.title} keeps no reference of potentiometers; "
             "calibrate anew from recordings with pot/<joint>"
@@ -104,15 +104,15 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
     if calibration.zero is not None:
         raise CalibrationError("it was re-zeroed before; give the model that calibrate wrote")
     calibration.check_recording(recording)
-    joints = [calibration.joints[k] for k in np.flatnonzero(known.rows.any(axis=1))]
+    joints = [calibration.joints[k] for k in np.flatnonzero(reference.rows.any(axis=1))]
     joints = [joint for joint in joints if f"pot/{joint}" in recording.units] or joints
     check_columns(recording, [f"pot/{j}" for j in joints], "reference of the potentiometers needs")
-    offset, deviation = np.zeros(len(known.lower)), np.full(len(known.lower), math.nan)
+    offset, deviation = np.zeros(len(reference.lower)), np.full(len(reference.lower), math.nan)
     for joint in joints:
         k = calibration.joints.index(joint)
-        found = _moved(known, k, recording, joint)
-        if found is not None:
-            offset[k], deviation[k] = found
+        move = _moved(reference, k, recording, joint)
+        if move is not None:
+            offset[k], deviation[k] = move
     if np.isnan(deviation).all():
         raise CalibrationError(
             f"{source_of(recording)}: {', '.join(joints)} hardly moved; move each through a "
@@ -127,30 +127,33 @@ def potentiometer_zero(calibration: Calibration, recording: Recording) -> Zero:
 
 
 def _moved(
-    known: PotentiometerReference, k: int, recording: Recording, joint: str
+    reference: PotentiometerReference, k: int, recording: Recording, joint: str
 ) -> tuple[float, float] | None:
     """How far a potentiometer's difference moved, and its deviation; None if the joint rested."""
     pot, offset = recording.column(f"pot/{joint}"), 0.0
     for _ in range(_ROUNDS):  # a reading belongs to the stretch that it lay in before the move
         position = recording.column(f"measured/{joint}") + offset
-        lower, upper = known.lower[k], known.upper[k]
+        lower, upper = reference.lower[k], reference.upper[k]
         inside = (position >= lower) & (position <= upper)
         _, rows, now = _by_stretch(position[inside], (pot - position)[inside], lower, upper)
-        seen = np.minimum(rows, known.rows[k]) >= _LEAST_ROWS
-        if seen.sum() < _FEWEST:
+        usable = np.minimum(rows, reference.rows[k]) >= _LEAST_ROWS
+        if usable.sum() < _FEWEST:
             return None
-        weight = 1.0 / (1.0 / rows[seen] + 1.0 / known.rows[k][seen])
-        left = (now - known.difference[k])[seen]
-        moved = float(np.average(left, weights=weight))
-        offset, left = offset + moved, left - moved
-    square = float(np.average(left**2, weights=weight))
-    if math.sqrt(square) > _DISAGREE * known.residual[k]:
+        weight = 1.0 / (1.0 / rows[usable] + 1.0 / reference.rows[k][usable])
+        residual = (now - reference.difference[k])[usable]
+        moved = float(np.average(residual, weights=weight))
+        offset, residual = offset + moved, residual - moved
+    square = float(np.average(residual**2, weights=weight))
+    ratio = math.sqrt(square) / reference.residual[k]
+    if ratio > _DISAGREE:
         raise CalibrationError(
             f"{source_of(recording)}: the potentiometer of {joint} disagrees with its reference by "
-            f"{math.sqrt(square) / known.residual[k]:.1f} standard deviations of a reading along "
-            "its range; look whether it slips, and calibrate anew"
+            f"{ratio:.1f} standard deviations of a reading along its range; look whether it slips, "
+            "and calibrate anew"
         )
     # Neighbours that are alike count for less than one each.
-    alike = float(np.clip((left[1:] * left[:-1]).sum() / max((left**2).sum(), 1e-300), 0.0, 0.9))
-    freedom = (len(left) - 1) * (1.0 - alike) / (1.0 + alike)
+    alike = float(
+        np.clip((residual[1:] * residual[:-1]).sum() / max((residual**2).sum(), 1e-300), 0.0, 0.9)
+    )
+    freedom = (len(residual) - 1) * (1.0 - alike) / (1.0 + alike)
     return offset, math.sqrt(square / max(freedom, 1.0))

@@ -37,16 +37,16 @@ def export(
     """
     stated = {"level": options.share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
-    given = {"profile": profile or None, "prefix": prefix, "urdf": urdf}
+    values = {"profile": profile or None, "prefix": prefix, "urdf": urdf}
     if kind in _OF_ONE_OPTION:
         option, write_one = _OF_ONE_OPTION[kind]
-        value = given.pop(option)
-        if how or compensate or {*given.values()} != {None} or precision != "double":
+        value = values.pop(option)
+        if how or compensate or {*values.values()} != {None} or precision != "double":
             raise ExportError(f"--to {kind} takes --{option}; leave other options out")
         written: Result = write_one(name, output, value, force=force)
         return written
     for option, (word, _) in _OF_ONE_OPTION.items():
-        if word != "prefix" and given[word] is not None:
+        if word != "prefix" and values[word] is not None:
             raise ExportError(f"--{word} is for --to {option}; leave it out")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")

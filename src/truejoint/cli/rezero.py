@@ -78,8 +78,8 @@ def rezero(
     if source.potentiometers or (loaded.joints_of("pot") and not has_truth):
         zero = truejoint.calibration.potentiometer_zero(calibration, loaded)
         result = _write(calibration, zero, new, {})
-        told = zip(calibration.joints, zero.deviation, strict=True)
-        if still := [joint for joint, sd in told if math.isnan(sd)]:
+        deviations = zip(calibration.joints, zero.deviation, strict=True)
+        if still := [joint for joint, sd in deviations if math.isnan(sd)]:
             out.print(f"{', '.join(still)}: no potentiometer, or hardly moved; the zero stays")
         out.print(f"{new.output}: re-zeroed by the potentiometers in {name}")
         return result

@@ -81,13 +81,13 @@ def _linear_part(calibration: Calibration) -> tuple[dict[str, float], str]:
             f"fixed offsets are below {100 * _LEAST:g} % of the errors in training of "
             f"{', '.join(joints)}, and a URDF holds nothing else; correct by the model itself"
         )
-    parts, own = [], [f"measured/{joint}" for joint in joints]
-    if "linear" in calibration.baselines and {*own} <= {*names}:
-        columns = [names.index(name) for name in own]
+    parts, measured = [], [f"measured/{joint}" for joint in joints]
+    if "linear" in calibration.baselines and {*measured} <= {*names}:
+        columns = [names.index(name) for name in measured]
         up, down = (baseline("linear", middle + s * np.diag(half)) for s in (1.0, -1.0))
         scales = np.diag((up - down)[columns]) / (2.0 * half[columns])
-        told = [f"{j} {100 * s:+.1f} %" for j, s in zip(joints, scales, strict=True)]
-        parts.append(f"scale ({', '.join(told)})")
+        percents = [f"{j} {100 * s:+.1f} %" for j, s in zip(joints, scales, strict=True)]
+        parts.append(f"scale ({', '.join(percents)})")
     signals = calibration.feature_set.signals
     parts += ["coupling of joints"] if len(joints) > 1 else []
     parts += ["effort"] if any(name.startswith("effort/") for name in signals) else []
@@ -111,8 +111,8 @@ def _shift(root: ET.Element, joint: str, kind: str, offset: float) -> None:
             f"{', '.join(mimics)} with a mimic of or by {name!r}, which cannot follow an offset; "
             "give a URDF without mimic joints there"
         )
-    found, axis = element.find("origin"), element.find("axis")
-    origin = ET.SubElement(element, "origin") if found is None else found
+    origin, axis = element.find("origin"), element.find("axis")
+    origin = ET.SubElement(element, "origin") if origin is None else origin
     z = np.array(("1 0 0" if axis is None else axis.get("xyz", "1 0 0")).split(), float)
     xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), float) for key in ("xyz", "rpy"))
     if not (np.isfinite([xyz, rpy, z]).all() and np.linalg.norm(z) > 0.0):

@@ -102,8 +102,8 @@ def _topics(recording: Recording, profile: messages.Profile) -> Iterator[_Messag
     for quantity in ("measured", "setpoint", "pot", "truth"):
         if not (joints := recording.joints_of(quantity)):
             continue
-        own = messages.POT_TOPIC if quantity == "pot" else f"{quantity}_js"
-        name = messages.TRUTH_TOPIC if quantity == "truth" else profile.topic(robot.arm, own)
+        topic = messages.POT_TOPIC if quantity == "pot" else f"{quantity}_js"
+        name = messages.TRUTH_TOPIC if quantity == "truth" else profile.topic(robot.arm, topic)
         rows = ~np.isnan(recording.columns(quantity, joints)).any(axis=1)
         valid = {column: values[rows] for column, values in columns.items()}
         names, fields = messages.joint_state_fields(robot, quantity, name, valid, profile)
