@@ -58,13 +58,13 @@ def _turned(recording: Recording) -> Recording:
     joints = recording.joints_of("truth")
     if not joints:
         raise CalibrationError(f"{recording.provenance.source}: it has no truth; add joint sensors")
-    whole, robot = recording.with_truth(joints), recording.robot
+    with_truth, robot = recording.with_truth(joints), recording.robot
     free = (replace(robot.joint(name), lower=-math.inf, upper=math.inf) for name in joints)
     true = Robot(f"{robot.name}_true", tuple(free), robot.arm)
-    columns = {"t": whole.t}
+    columns = {"t": with_truth.t}
     for name, other in (("measured", "truth"), ("truth", "measured")):
-        columns |= {f"{name}/{joint}": whole.column(f"{other}/{joint}") for joint in joints}
-    origin = replace(whole.provenance, robot=true.name)
+        columns |= {f"{name}/{joint}": with_truth.column(f"{other}/{joint}") for joint in joints}
+    origin = replace(with_truth.provenance, robot=true.name, arm=true.arm)
     return Recording.from_columns(columns, origin, robot=true)
 
 
