@@ -25,11 +25,12 @@ def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
 def shipped_table(package: str, name: str) -> dict[str, Any]:
     """Table of a TOML file in a package, with tuples for lists; none of its readers changes it."""
     text = files(package).joinpath(name).read_text("utf-8")
-    table: dict[str, Any] = _with_tuples(tomllib.loads(text))
+    table: dict[str, Any] = with_tuples(tomllib.loads(text))
     return table
 
 
-def _with_tuples(value: Any) -> Any:
+def with_tuples(value: Any) -> Any:
+    """Values of TOML or JSON with tuples for lists."""
     if isinstance(value, dict):
-        return {key: _with_tuples(entry) for key, entry in value.items()}
-    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
+        return {key: with_tuples(entry) for key, entry in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value

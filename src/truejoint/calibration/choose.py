@@ -609,12 +609,12 @@ def choose(
     judged = table.folds
     chosen = table.combined()
     if tries_rates and len(judged) > 1 and table.seconds < budget:
-        given = {model.name: model for model in models}  # which know no features yet
+        unprepared = {model.name: model for model in models}  # which know no features yet
         for number in np.flatnonzero(chosen[0].any(axis=1)).tolist():
             model, positions = tried[number].model, tried[number].features
             if not model.family.inputs and model.name not in (RAW, OFFSET):
                 more = (*positions, *_rates(positions))  # once more, with rates beside
-                model = given.get(model.name, model).for_features(more, robot, names)
+                model = unprepared.get(model.name, model).for_features(more, robot, names)
                 table.candidates.append(Candidate(model, more, tried[number].target))
         rest = fit_task.within(say, share, 1.0 - share)
         for number, fold in enumerate(judged):
@@ -677,10 +677,10 @@ def _candidates(
             f"none of {', '.join(m.name for m in models)} can be tried: the recordings lack what "
             f"they take, or they predict no {target or TARGETS[0]}; give other candidates"
         )
-    made = [c for (name, _), c in tried.items() if name == FILTER_WITH_TREES]
+    filters = [c for (name, _), c in tried.items() if name == FILTER_WITH_TREES]
     beside = [c for (name, _), c in tried.items() if name == BESIDE_FILTER]
     bearing = [candidate for candidate in tried.values() if candidate.bears_load]
-    for candidate in [*bearing, *made, *(beside[:1] if made else ())]:
+    for candidate in [*bearing, *filters, *(beside[:1] if filters else ())]:
         candidate.is_believed = True
     return list(tried.values())
 

@@ -317,10 +317,10 @@ def _plans(
         units = [[part] for part in parts]
         plans = [(folds.dealt(units, ""), 0)]
         grouped = [[part for part in parts if part.recording in group] for group in groups]
-        whole = folds.dealt(grouped, "")
-        enough = folds.enough_beside(recordings, [fold.recordings for fold in whole])
+        whole_groups = folds.dealt(grouped, "")
+        enough = folds.enough_beside(recordings, [fold.recordings for fold in whole_groups])
         if len(groups) > 1 and enough.all():
-            plans.insert(0, (whole, len(groups)))
+            plans.insert(0, (whole_groups, len(groups)))
         return units, len(recordings), plans
     parts = folds.wholes(recordings)
     units = [[parts[i] for i in group] for group in groups]

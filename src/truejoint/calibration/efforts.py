@@ -308,12 +308,12 @@ def fit_effort_baseline(
         ):
             continue
         coef[j], scale[j] = _fit_effort(rows)
-        for i, apart in enumerate(of_joint):  # against the baseline of the others, in its scale
-            rest = np.concatenate([apart[:0], *of_joint[:i], *of_joint[i + 1 :]])
-            if len(apart) and len(rest) >= STEPS_PER_TERM * n_terms:
+        for i, block in enumerate(of_joint):  # against the baseline of the others, in its scale
+            rest = np.concatenate([block[:0], *of_joint[:i], *of_joint[i + 1 :]])
+            if len(block) and len(rest) >= STEPS_PER_TERM * n_terms:
                 coef_rest, scale_rest = _fit_effort(rest)
-                deviation = (apart[:, 1] - apart[:, 4:] @ coef_rest) / scale_rest
-                columns = apart[:, 2].copy(), apart[:, 3].copy()
+                deviation = (block[:, 1] - block[:, 4:] @ coef_rest) / scale_rest
+                columns = block[:, 2].copy(), block[:, 3].copy()
                 largest = largest_shifts(deviation, *columns)
                 shift[j], friction[j] = np.maximum((shift[j], friction[j]), largest)
         monitored[j] = 1.0
@@ -394,14 +394,14 @@ def _root_mean_square(off: Array) -> Array:
     A beginning that no recording or motion is long enough for has that of the next shorter one; a
     beginning without truth has that of the next longer one.
     """
-    known = np.isfinite(off)
-    square = np.where(known, off, 0.0) ** 2
-    deviation = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    has_value = np.isfinite(off)
+    square = np.where(has_value, off, 0.0) ** 2
+    deviation = np.sqrt(square.sum(axis=0) / np.maximum(has_value.sum(axis=0), 1))
     places = np.arange(off.shape[1])
-    for values, is_known in zip(deviation.T, np.asarray(known.any(axis=0)).T, strict=True):
-        if is_known.any():
-            there = np.searchsorted(places[is_known], places, "right") - 1
-            values[:] = values[is_known][np.maximum(there, 0)]
+    for values, reached in zip(deviation.T, np.asarray(has_value.any(axis=0)).T, strict=True):
+        if reached.any():
+            there = np.searchsorted(places[reached], places, "right") - 1
+            values[:] = values[reached][np.maximum(there, 0)]
     return np.asarray(deviation)
 
 
@@ -474,10 +474,10 @@ def _run(calibration: Calibration, rows: Rows, spans: Sequence[slice]) -> list[A
     recording = rows.recording
     numbers = [np.arange(span.start, span.stop) for span in spans]
     spacing = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
-    t = np.concatenate([recording.t[own] + k * spacing for k, own in enumerate(numbers)])
+    t = np.concatenate([recording.t[indices] + k * spacing for k, indices in enumerate(numbers)])
     table = recording.table.iloc[np.concatenate(numbers)].reset_index(drop=True).assign(t=t)
     corrected = calibration.correct(rows.of_recording(replace(recording, table=table)))
-    return np.split(corrected, np.cumsum([len(own) for own in numbers])[:-1])
+    return np.split(corrected, np.cumsum([len(indices) for indices in numbers])[:-1])
 
 
 def past_weights(calibration: Calibration, t: Array, in_motion: Array) -> Array:
@@ -499,13 +499,13 @@ def weighted_medians(error: Array, weights: Array, ends: Integers) -> Array:
     """
     medians = np.full(len(ends), np.nan)
     for k, end in enumerate(ends):
-        known, w = error[:end], weights[:end]
+        errors, w = error[:end], weights[:end]
         if (w == w[:1]).all():
-            medians[k] = np.median(known) if end else np.nan
+            medians[k] = np.median(errors) if end else np.nan
         else:
-            order = np.argsort(known)  # as np.quantile with weights, which numpy has from 2.0 on
+            order = np.argsort(errors)  # as np.quantile with weights, which numpy has from 2.0 on
             reached = np.cumsum(w[order])
-            medians[k] = known[order[np.argmax(reached >= 0.5 * reached[-1])]]
+            medians[k] = errors[order[np.argmax(reached >= 0.5 * reached[-1])]]
     return medians
 
 

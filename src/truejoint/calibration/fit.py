@@ -3,7 +3,7 @@
 import hashlib
 import platform
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -133,16 +133,18 @@ def calibrate(
     if zero == "recording":
         again = within(report, begin + own_share, own_share)
         fitted = _fitted_again(fitted, task, parts, True, again)
+    held_out: ArrayLike = 0.0
+    if evidence:  # the median of the folds: some errors lie far beyond what the others show
+        held_out = [evidence["chosen"]["median"][joint] for joint in fitted.joints]
     if evidence and zero is None:
         say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
         own_zeros, evidence["zero"] = _judge_zeros(
-            fitted, estimator, recordings, fit_rate, evidence, say
+            fitted, estimator, recordings, fit_rate, held_out, say
         )
         if own_zeros:
             fitted = _fitted_again(fitted, task, parts, True)
     if evidence:
         fitted = fitted.with_metadata(choice=evidence)
-    held_out = _held_out(evidence, fitted.joints)
     baseline = fit_effort_baseline(fitted.for_rezeroing, parts, held_out)
     fitted = replace(fitted, effort_baseline=baseline)
     report(1.0)
@@ -229,26 +231,18 @@ def _refitted(
     return replace(again.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0))
 
 
-def _held_out(evidence: Mapping[str, Any], joints: Sequence[str]) -> ArrayLike:
-    """Errors (n_joints,) on what the fits of a choice did not see, or 0 where there was none.
-
-    They are the median of the folds: some lie far beyond what the others show.
-    """
-    return [evidence["chosen"]["median"][joint] for joint in joints] if evidence else 0.0
-
-
 def _judge_zeros(
     fitted: Calibration,
     estimator: str | Regressor,
     recordings: Sequence[Recording],
     fit_rate: float | None,
-    evidence: Mapping[str, Any],
+    held_out: ArrayLike,
     say: Say,
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better, cross-validated, and the evidence.
 
     What is left out enters no fit that it judges, nor the residuals of that, but for their median
-    over all folds.
+    over all folds, the errors `held_out` (n_joints,) of the choice.
     """
     few = distinct(recordings)
     if len(few) < FEW:
@@ -265,10 +259,10 @@ def _judge_zeros(
 
     def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
         hidden = [part.hide(np.ones(len(part), dtype=bool)) for part in parts]
-        seen = [parts[k] if k in training else hidden[k] for k in range(len(parts))]
-        shared, again = (_refitted(bare, task, seen, own) for own in (False, True))
+        visible = [parts[k] if k in training else hidden[k] for k in range(len(parts))]
+        shared, again = (_refitted(bare, task, visible, with_zeros) for with_zeros in (False, True))
         rows = [parts[index] for index in training]
-        baseline = residual_baseline(shared, rows, _held_out(evidence, shared.joints))
+        baseline = residual_baseline(shared, rows, held_out)
         return replace(shared, effort_baseline=baseline), replace(again, effort_baseline=baseline)
 
     uncut = set(wholes(few))

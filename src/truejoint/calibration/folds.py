@@ -58,9 +58,9 @@ def without(rows: Sequence[Rows], parts: Sequence[Part]) -> list[Rows]:
     What they cover altogether is left out. Positions and efforts stay, so that features with a
     memory are as they were.
     """
-    hidden = [hidden_rows(whole.t, parts, index) for index, whole in enumerate(rows)]
+    hidden = [hidden_rows(each.t, parts, index) for index, each in enumerate(rows)]
     pairs = zip(rows, hidden, strict=True)
-    return [whole.hide(mask) if mask.any() else whole for whole, mask in pairs if not mask.all()]
+    return [each.hide(mask) if mask.any() else each for each, mask in pairs if not mask.all()]
 
 
 def hidden_rows(t: Array, parts: Sequence[Part], index: int, gap: float = GAP) -> Mask:
@@ -114,9 +114,9 @@ def _marks(course: Array, count: int) -> list[int]:
     return [0, *np.searchsorted(course, edges).tolist(), len(course)]
 
 
-def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list[Fold]:
-    """Deal units of parts out to at most so many folds: the first to the first, and so on."""
-    count = min(most, len(units))
+def dealt(units: Sequence[Sequence[Part]], name: str) -> list[Fold]:
+    """Deal units of parts out to `FOLDS` folds at most: the first to the first, and so on."""
+    count = min(FOLDS, len(units))
     return [
         Fold(f"{name} {k + 1}", tuple(part for unit in units[k::count] for part in unit))
         for k in range(count)
@@ -154,9 +154,9 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     if len(recordings) < FEW or not enough.all():
         cut = range(len(recordings)) if len(recordings) < FEW else np.flatnonzero(~enough).tolist()
         left_out = inside(recordings, cut)
-    whole = [part for part in parts if enough[part.recording]]
+    uncut = [part for part in parts if enough[part.recording]]
     if len(recordings) < FEW:
-        return left_out + dealt([[part] for part in whole], "recordings")
+        return left_out + dealt([[part] for part in uncut], "recordings")
     by_kind = dict[str, list[list[Part]]]()
     if len(recordings) >= SORTED_FROM:
         for name, quantity in (("speed", "measured"), ("effort", "effort")):

@@ -33,6 +33,7 @@ from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
 from truejoint.robots.catalogue import robot_of
 from truejoint.schema import Bounds, Length, Pattern, Shape
+from truejoint.toml_file import with_tuples
 
 FORMAT_VERSION: Final = 8
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
@@ -277,13 +278,6 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, np.random.RandomState) else schema.plain(value)
 
 
-def _tuples(value: Any) -> Any:
-    """JSON value with tuples for lists."""
-    if isinstance(value, dict):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
 def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calibration:
     """Inverse of `encode`.
 
@@ -334,7 +328,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
 def _fit(entry: _Fit, parts: _Parts, prefix: str) -> Fit:
     """Take the models of a fit out of the parts."""
     models = {
-        name: EstimatorData(stated.family, _tuples(stated.params), parts.pop(prefix + name, {}))
+        name: EstimatorData(stated.family, with_tuples(stated.params), parts.pop(prefix + name, {}))
         for name, stated in {**entry.baselines, "model": entry.model}.items()
     }
     return Fit(models.pop("model"), models)

@@ -167,7 +167,7 @@ def motor_zero(
             "the calibration has its own zeros already; give the one that calibrate wrote"
         )
     rows = by.rows(recording)
-    found = find_encoder_zero(model, rows.X, rows.dt)
+    encoder_zero = find_encoder_zero(model, rows.X, rows.dt)
     origin = recording.provenance
     if origin.load > 0.0:
         raise CalibrationError(
@@ -177,9 +177,9 @@ def motor_zero(
     # A zero of the jaw that moves x2 by as much as it is off.
     moves = np.zeros((len(calibration.signals), len(calibration.joints)))
     moves[calibration.signals.index(RESET)] = model.jaw_radius
-    offset = np.full(len(calibration.joints), -found.correction / model.jaw_radius)
+    offset = np.full(len(calibration.joints), -encoder_zero.correction / model.jaw_radius)
     zero = Zero(
         offset, source="motor", file=origin.source, homing_id=origin.homing_id, rows=len(rows),
-        duration=recording.duration, moves=moves, details=vars(found),
+        duration=recording.duration, moves=moves, details=vars(encoder_zero),
     )  # fmt: skip
-    return zero, found
+    return zero, encoder_zero

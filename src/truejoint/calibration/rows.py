@@ -149,10 +149,10 @@ class Rows:
 
     def of_recording(self, recording: "Recording") -> Self:
         """Give the same rows of a recording whose signals were changed."""
-        seen, signals = recording, self.feature_set.signals
+        shifted, signals = recording, self.feature_set.signals
         if self.signal_shift is not None:
-            seen = shift_signals(recording, signals, self.signal_shift[: len(signals)])
-        X = self.feature_set.compute(seen, self.gap_limit)
+            shifted = shift_signals(recording, signals, self.signal_shift[: len(signals)])
+        X = self.feature_set.compute(shifted, self.gap_limit)
         return replace(self, recording=recording, X=X)
 
     def hide(self, hidden: Mask) -> Self:
@@ -164,10 +164,10 @@ class Rows:
     def check_truth(self) -> None:
         """Raise CalibrationError if truth is missing for more than a third of the time on end."""
         t, source = self.t, source_of(self.recording)
-        what = ", ".join(f"truth/{joint}" for joint in self.joints)
+        columns = ", ".join(f"truth/{joint}" for joint in self.joints)
         if not self.has_truth.any():
             raise CalibrationError(
-                f"{source}: {what} known together in none of {len(t)} rows; check that "
+                f"{source}: {columns} known together in none of {len(t)} rows; check that "
                 "the joint sensors ran and share the clock of the robot"
             )
         rows = np.concatenate([[-1], np.flatnonzero(self.has_truth), [len(t)]])
@@ -177,7 +177,7 @@ class Rows:
         duration = self.recording.duration
         if missing[worst] > LONGEST_WITHOUT_TRUTH * duration:
             raise CalibrationError(
-                f"{source}: {what} missing from {begin[worst]:.2f} s to "
+                f"{source}: {columns} missing from {begin[worst]:.2f} s to "
                 f"{end[worst]:.2f} s, {100 * missing[worst] / duration:.0f} % of the "
                 "recording (a third is allowed); cut it to the part with truth or record it again"
             )

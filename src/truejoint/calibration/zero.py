@@ -96,10 +96,10 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
     0.12 of that of the whole offset; the price is a zero that moved by more than 1.1 deviations: up
     to 2.2 times (at 2.6), a fifth of one more at ten. All of an offset whose deviation is NaN.
     """
-    whole, spread = (np.asarray(values, dtype=np.float64) for values in (offset, deviation))
+    offsets, spread = (np.asarray(values, dtype=np.float64) for values in (offset, deviation))
     spread = _DOUBT * spread
-    by_errors = np.divide(spread**2, whole, out=whole.copy(), where=np.abs(whole) > spread)
-    return np.where(np.isnan(spread), whole, whole - by_errors)
+    by_errors = np.divide(spread**2, offsets, out=offsets.copy(), where=np.abs(offsets) > spread)
+    return np.where(np.isnan(spread), offsets, offsets - by_errors)
 
 
 def find_zero(
@@ -150,8 +150,8 @@ def find_zero(
 
 def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
     """Zero of the model alone, as `find_zero` says."""
-    error, known = known_error(calibration, rows)
-    used = np.flatnonzero(known)[at_start(rows.t[known], duration)]
+    error, has_error = known_error(calibration, rows)
+    used = np.flatnonzero(has_error)[at_start(rows.t[has_error], duration)]
     baseline = calibration.effort_baseline
     step = np.zeros(len(rows.joints)) if baseline is None else baseline.step  # else, all of time
     in_motion = time_in_motion(rows.t, rows.measured, step)

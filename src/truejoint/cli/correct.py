@@ -119,7 +119,7 @@ def correct_rows(
         table = calibration.correct_table(recording, level).drop(columns="t")
         return pd.DataFrame(before).join(table).assign(status=_NOT_JUDGED, unlearnt=_NOT_JUDGED)
     calibration.check_recording(recording)
-    corrector = corrector_for(calibration, [recording], level=level, on_fault=on_fault)
+    corrector = corrector_for(calibration, recording, level=level, on_fault=on_fault)
     corrector.set_homing(True, recording.provenance.homing_id or None)
     trace = corrector.run(recording)
     half_width = np.where(np.isfinite(trace.half_width), trace.half_width, np.nan)

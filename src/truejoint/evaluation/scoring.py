@@ -143,12 +143,12 @@ def judge_recording(
     index = pd.Index([name] * int(judged.sum()), name="recording")
     true = truth[judged]
     errors = {key: position[judged] - true for key, position in positions.items()}
-    columns, known = list(joints), {"truth": DataFrame(true, index, joints)}
+    columns, tables = list(joints), {"truth": DataFrame(true, index, joints)}
     if robot is not None and robot.kinematics is not None:
         columns += [*AXES, TOOL]
         reported, moved = all_joints(recording, robot)[judged], robot.index(list(joints))
         at = _place_tool(robot.kinematics, reported, moved, true)
-        known["tool"] = DataFrame(at, index, AXES)
+        tables["tool"] = DataFrame(at, index, AXES)
         for which, position in positions.items():
             off = _place_tool(robot.kinematics, reported, moved, position[judged]) - at
             distance = np.linalg.norm(off, axis=1)
@@ -158,12 +158,12 @@ def judge_recording(
     about = _facts(recording, model, truth - measured)
     for quantity, values in about.items():
         names = joints if values.ndim > 1 else [""]
-        known[quantity] = DataFrame(values[judged], index, names)
+        tables[quantity] = DataFrame(values[judged], index, names)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
-    known["effort"] = DataFrame(recording.columns("effort", efforts)[judged], index, efforts)
+    tables["effort"] = DataFrame(recording.columns("effort", efforts)[judged], index, efforts)
     return (
         pd.concat(frames, axis=1, names=_LEVELS),
-        pd.concat(known, axis=1, names=["quantity", "joint"]),
+        pd.concat(tables, axis=1, names=["quantity", "joint"]),
     )
 
 
@@ -171,9 +171,9 @@ def _facts(recording: Recording, model: Calibration, error: Array) -> dict[str, 
     """Time, load, motion, and what the loop says of rows whose truth less measured is `error`."""
     # An estimator that uses later rows runs in no loop; its training domain is judged by alone.
     try:
-        corrector = corrector_for(model, [recording])
+        corrector = corrector_for(model, recording)
     except CalibrationError:
-        corrector = corrector_for(model.baselines[OFFSET], [recording])
+        corrector = corrector_for(model.baselines[OFFSET], recording)
     corrector.set_homing(True)
     # A moved zero is another matter than rows unlike the training.
     trace = corrector.run(recording)
@@ -319,13 +319,13 @@ def worst_stretches(
 
     `errors` (n, joints) are of one model. See `Evaluation.worst`.
     """
-    found = []
+    windows = []
     for verdict in joints:
         limit = verdict.limit if verdict.limit > 0 else 1.0
         for part in by_recording(rows.index):
             t, error = rows["t"].to_numpy()[part], errors[verdict.joint].to_numpy()[part]
             for first, end, root in worst_windows(t, error, WINDOW, _COUNT):
-                found.append(
+                windows.append(
                     {
                         "joint": verdict.joint,
                         "unit": verdict.unit,
@@ -337,7 +337,7 @@ def worst_stretches(
                         "ratio": root / limit,
                     }
                 )
-    worst = DataFrame(found).sort_values("ratio", ascending=False, kind="stable")
+    worst = DataFrame(windows).sort_values("ratio", ascending=False, kind="stable")
     return worst.groupby("joint").head(_COUNT).drop(columns="ratio").reset_index(drop=True)
 
 
@@ -468,9 +468,9 @@ def _note(calibration: Calibration, level: float, judged: Sequence[Recording]) -
         # Coverage given the set is Beta(inside, n + 1 - inside) when trajectories lie wholly
         # inside or outside (Vovk, arXiv:1209.2673); samples that vary on their own average out.
         scatter = math.sqrt(inside * (n + 1 - inside) / ((n + 1) ** 2 * (n + 2)))
-        what = "recordings" if interval.whole else "trajectories"
+        counted = "recordings" if interval.whole else "trajectories"
         note += (
-            f" From one set of {n} {what} to another its coverage scatters by up to about "
+            f" From one set of {n} {counted} to another its coverage scatters by up to about "
             f"{100 * scatter:.0f} %, which the sampling error of this test does not include."
         )
     if interval.rezero > 0.0:
@@ -479,9 +479,9 @@ def _note(calibration: Calibration, level: float, judged: Sequence[Recording]) -
             "of each recording, whatever other numbers are of."
         )
     stated = [session.load for session in calibration.origin.interval_sessions]
-    seen = [load for load in stated if not math.isnan(load)]
+    learnt = [load for load in stated if not math.isnan(load)]
     loads = {recording.provenance.load for recording in judged}
-    beyond = sorted(load for load in loads if seen and (load < min(seen) or load > max(seen)))
+    beyond = sorted(load for load in loads if learnt and (load < min(learnt) or load > max(learnt)))
     if beyond:
         masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
         note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
@@ -546,8 +546,8 @@ def learnt_texts(learnt: Sequence[Condition], units: Mapping[str, str]) -> dict[
 
 def _ends(learnt: Sequence[Condition]) -> tuple[DataFrame, DataFrame]:
     """Least and largest of each condition, by joint."""
-    known = DataFrame(list(learnt), columns=["joint", *_WORDS]).groupby("joint", sort=False)
-    return known.min(), known.max()
+    by_joint = DataFrame(list(learnt), columns=["joint", *_WORDS]).groupby("joint", sort=False)
+    return by_joint.min(), by_joint.max()
 
 
 def _range_text(ends: Sequence[Any], kind: str, joint: str, units: Mapping[str, str]) -> str:

@@ -259,9 +259,8 @@ class Function:
         if len(parts) < 2:
             return parts[0] if parts else c.Known(both)
         sign, level = ("&&", c.AND) if both else ("||", c.OR)
-        text = f" {sign} ".join(
-            self.style.text(part, level if c.is_of(part, level) else c.BIT_OR) for part in parts
-        )
+        needed = (level if part.level == level else c.BIT_OR for part in parts)
+        text = f" {sign} ".join(map(self.style.text, parts, needed))
         return c.Expr(text, "bool", level)
 
     def _ifexp(self, node: ast.IfExp) -> Any:
@@ -272,8 +271,8 @@ class Function:
         values = [self.visit(node.body), self.visit(node.orelse)]
         self.need(len(self.out) == place, node, "one of its values needs statements of its own")
         kind = c.join([v.kind for v in values])
-        one, other = (self.style.text(v, c.CHOICE + 1, kind) for v in values)
-        return c.Expr(f"{self.style.text(test, c.CHOICE + 1)} ? {one} : {other}", kind, c.CHOICE)
+        yes, no = (self.style.text(v, c.CHOICE + 1, kind) for v in values)
+        return c.Expr(f"{self.style.text(test, c.CHOICE + 1)} ? {yes} : {no}", kind, c.CHOICE)
 
     def _compare(self, node: ast.Compare) -> Any:
         values = [self.visit(n) for n in (node.left, *node.comparators)]
@@ -355,9 +354,9 @@ class Function:
         if isinstance(base, c.View):
             self.mark(base)
             base = replace(base, values=None)
-        found = self.item(base, node.slice, node, write=True)
-        assert isinstance(found, c.Expr)  # noqa: S101  # what is written is not known
-        return found
+        element = self.item(base, node.slice, node, write=True)
+        assert isinstance(element, c.Expr)  # noqa: S101  # what is written is not known
+        return element
 
     def mark(self, view: Any) -> None:
         """Note that an array, or what a handle leads to, is written."""
@@ -796,10 +795,10 @@ class Printer:
             if name in used:
                 used |= set(re.findall(r"(\w+)\(", printed.text))
         printed_functions = [printed for name, printed in self.functions.items() if name in used]
-        whole = "\n\n".join(self._text(printed) for printed in printed_functions)
+        source = "\n\n".join(self._text(printed) for printed in printed_functions)
         if any(getattr(printed.python, "is_wide", False) for printed in printed_functions):
-            whole = f"{_WIDE}\n{whole}"
-        words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
+            source = f"{_WIDE}\n{source}"
+        words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL)))
         constants = [
             Constant(name, (str(value) if isinstance(value, int) else self.style.literal(value),))
             for name, value in self.defines.items()
@@ -817,7 +816,7 @@ class Printer:
             "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),
             "\n".join(struct.initial(self.style, named)),
             "\n\n".join(filter(None, ["\n".join(lines), *tables])),
-            "\n\n".join([*helpers, whole]),
+            "\n\n".join([*helpers, source]),
             (*constants, *struct.initial_constants(self.style, "initial.")),
             names,
             flash,
@@ -877,9 +876,9 @@ def _helpers(style: c.Style) -> dict[str, str]:
     for kind in kinds:
         type_ = style.type(kind)
         suffix = "f" if type_ == "float" else ""
-        for name, given, about, result in _HELPERS:
+        for name, parameters, about, result in _HELPERS:
             texts[f"{name}_{kind}"] = (
-                f"/* {about} */\nstatic {type_} {name}_{kind}({given.format(type_)})\n"
+                f"/* {about} */\nstatic {type_} {name}_{kind}({parameters.format(type_)})\n"
                 f"{{\n    return {result.format(f'0.0{suffix}', f'1.0{suffix}')};\n}}"
             )
     return texts
@@ -893,8 +892,8 @@ def _key(argument: Any) -> Any:
         return argument.kind
     if isinstance(argument, c.View):
         shape = tuple(n.value if isinstance(n, c.Known) else None for n in argument.shape)
-        known = argument.values is not None and isinstance(argument.offset, c.Known)
-        return (argument.kind, shape, (argument.root, argument.offset.value) if known else None)  # type: ignore[union-attr]
+        is_known = argument.values is not None and isinstance(argument.offset, c.Known)
+        return (argument.kind, shape, (argument.root, argument.offset.value) if is_known else None)  # type: ignore[union-attr]
     if isinstance(argument, Handle):
         return (argument.struct, argument.side)
     return argument

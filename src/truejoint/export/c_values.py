@@ -231,13 +231,13 @@ def operate(style: Style, op: ast.operator, a: Any, b: Any) -> Any:  # noqa: C90
     are_known = isinstance(a, Known) and isinstance(b, Known)
     if kind == "int" and isinstance(op, (ast.Add, ast.Sub)) and not are_known:
         return add(a, b, 1 if isinstance(op, ast.Add) else -1)
-    for one, other in ((a, b), (b, a)):  # 0 | x, 0 & x, 1 * x
-        if isinstance(one, Known):
+    for operand, other in ((a, b), (b, a)):  # 0 | x, 0 & x, 1 * x
+        if isinstance(operand, Known):
             if isinstance(op, ast.Mult) and kind == "int":
-                return scale(other, one.value)
-            if isinstance(op, ast.Mult) and one.value == 1.0 and other.kind == kind:
+                return scale(other, operand.value)
+            if isinstance(op, ast.Mult) and operand.value == 1.0 and other.kind == kind:
                 return other
-            if bitwise and one.value == 0:
+            if bitwise and operand.value == 0:
                 return other if isinstance(op, ast.BitOr) else Known(0)
     if bitwise:
         first, second = (style.text(v, level if v.level == level else UNARY, kind) for v in (a, b))
@@ -298,11 +298,6 @@ def convert(style: Style, name: str, value: Any) -> Any:
     type_ = "int" if name == "int" else style.real
     kind: Kind = "int" if name == "int" else "real"
     return Expr(f"({type_}){style.text(value, UNARY)}", kind, UNARY)
-
-
-def is_of(value: Any, level: int) -> bool:
-    """Whether an expression is of the same operator, so that it needs no parentheses."""
-    return isinstance(value, Expr) and value.level == level
 
 
 def _folded(style: Style, op: ast.operator, a: Known, b: Known, in_c: Expr) -> Known:

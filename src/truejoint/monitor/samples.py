@@ -74,8 +74,8 @@ class Samples(Block):
     def calibrated(self) -> tuple[str, ...]:
         """Joints that are corrected somewhere; without any, those of which the truth is known."""
         for values in (self.corrected, self.truth):
-            if (known := np.isfinite(values).any(axis=0)).any():
-                return tuple(np.array(self.joints)[known].tolist())
+            if (has_values := np.isfinite(values).any(axis=0)).any():
+                return tuple(np.array(self.joints)[has_values].tolist())
         return ()
 
     @classmethod
@@ -101,7 +101,7 @@ class Samples(Block):
             from truejoint.runtime.corrector import corrector_for  # noqa: PLC0415
 
             calibration.check_recording(recording)
-            corrector = corrector_for(calibration, [recording])
+            corrector = corrector_for(calibration, recording)
             corrector.set_homing(True, recording.provenance.homing_id or None)
             trace = corrector.run(recording)
             status, columns = trace.status, [joints.index(joint) for joint in corrector.joints]

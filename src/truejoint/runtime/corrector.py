@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from threading import Lock, get_ident
 from typing import TYPE_CHECKING, Any, Final
@@ -325,14 +325,12 @@ class Corrector(Summarised):
         return self._statuses[int(self._numbers[at.HOMING]) | Status.WRONG_SIZE]
 
 
-def corrector_for(
-    calibration: Calibration, recordings: "Sequence[Recording]", **how: Any
-) -> Corrector:
-    """Corrector to run over recordings, which `how` is given to.
+def corrector_for(calibration: Calibration, recording: "Recording", **how: Any) -> Corrector:
+    """Corrector to run over a recording, which `how` is given to.
 
-    Where one of them lacks a column that only checks measured positions, none is asked for.
+    Where it lacks a column that only checks measured positions, none is asked for.
     """
-    is_reported = all(c in r.units for r in recordings for c in calibration.redundant)
+    is_reported = calibration.redundant.keys() <= recording.units.keys()
     return Corrector(calibration if is_reported else calibration.without_redundant(), **how)
 
 

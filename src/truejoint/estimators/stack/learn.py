@@ -108,8 +108,8 @@ class Stack(JointRegressor):
         for member in unfitted:
             member.check_params()
         super().check_params()
-        given = [value for value in (self.sees, self.beside) if value is not None]
-        if given and (self.sees is None or {*map(len, given)} != {len(unfitted)}):
+        selections = [value for value in (self.sees, self.beside) if value is not None]
+        if selections and (self.sees is None or {*map(len, selections)} != {len(unfitted)}):
             raise CalibrationError(
                 f"sees and beside of a stack are given for other members than its {len(unfitted)}; "
                 "give sees, or both, for each"
@@ -175,10 +175,10 @@ class Stack(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Unfitted estimator of the parameters of its family, to be run only."""
-        made = super().from_params(params)
+        regressor = super().from_params(params)
         if cls().model_params() != params:
-            made.members = ()
-        return made
+            regressor.members = ()
+        return regressor
 
     @property
     def data(self) -> EstimatorData:
@@ -192,9 +192,9 @@ class Stack(JointRegressor):
         members = vars(self).get("members_", ())
         if all(member.family.row is not None for member in members):
             return super().evaluate(X, dt)
-        seen = X[:, self.sees[0]]  # type: ignore[index]  # it stands alone
-        held = np.clip(seen, self.lower_, self.upper_)
-        line = (seen - held) @ self.slope_ + X @ self.direct_
+        inputs = X[:, self.sees[0]]  # type: ignore[index]  # it stands alone
+        held = np.clip(inputs, self.lower_, self.upper_)
+        line = (inputs - held) @ self.slope_ + X @ self.direct_
         return np.asarray(members[0].evaluate(held, dt) + line)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
@@ -239,7 +239,8 @@ class Stack(JointRegressor):
             raise CalibrationError(
                 f"members of a stack are {self.members!r:.60}; give a list of estimators"
             )
-        return [_regressor(member) for member in self.members]
+        members = (registry.member(m) if isinstance(m, str) else m for m in self.members)
+        return [joint_regressor(member) for member in members]
 
     def _seeing(self, n_features: int) -> list[tuple[JointRegressor, Places]]:
         """Unfitted members, each with the places of the features that it sees."""
@@ -257,24 +258,19 @@ def _limits(
         direct[np.asarray(beside)[outputs], outputs] = 1.0
     targets = (y - X @ direct)[:, outputs]
     has_truth = np.isfinite(targets).all(axis=1)
-    seen = X[has_truth][:, places]
+    inputs = X[has_truth][:, places]
     lower, upper = np.full((2, len(places)), [[-LARGEST], [LARGEST]])
     if member.family.inputs is None:
-        lower, upper = seen.min(axis=0), seen.max(axis=0)
+        lower, upper = inputs.min(axis=0), inputs.max(axis=0)
         if member.name == registry.LINEAR:
-            line = Polynomial(1, ridge=False).fit(seen, targets[has_truth])
+            line = Polynomial(1, ridge=False).fit(inputs, targets[has_truth])
             slope[:, outputs] = line.arrays_["coef"] * line.arrays_["inverse_scale"][:, None]
     return {"lower": lower, "upper": upper, "slope": slope, "direct": direct}
 
 
-def _regressor(member: Regressor | str) -> JointRegressor:
-    """Unfitted estimator of one or its name; raises CalibrationError if it is none."""
-    return joint_regressor(registry.member(member) if isinstance(member, str) else member)
-
-
 def _tuples(places: Sequence[Places] | None) -> Any:
     """Places as a family keeps them, which refuses what are none."""
-    return tuple(tuple(one) if isinstance(one, Sequence) else one for one in places or ())
+    return tuple(tuple(at) if isinstance(at, Sequence) else at for at in places or ())
 
 
 def _described(members: Sequence[JointRegressor], weights: Array | None = None) -> Any:
