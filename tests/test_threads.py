@@ -1,8 +1,11 @@
-"""One thread of linear algebra, and as many as before afterwards."""
+"""One thread of linear algebra, and short turns; as before afterwards."""
+
+import gc
+import sys
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from truejoint.threads import one_thread
+from truejoint.threads import one_thread, short_turns
 
 
 def counts() -> list[int]:
@@ -17,3 +20,13 @@ def test_libraries_are_found_and_given_back() -> None:
             with one_thread():
                 assert set(counts()) == {1}
             assert counts() == before
+
+
+def test_turns_are_short_and_old_objects_are_not_searched() -> None:
+    gc.unfreeze()  # of what was there before the first test
+    before = sys.getswitchinterval()
+    with short_turns():
+        assert sys.getswitchinterval() <= 1e-4 + 1e-9
+        assert gc.get_freeze_count() > 10_000
+    assert (sys.getswitchinterval(), gc.get_freeze_count()) == (before, 0)
+    gc.freeze()

@@ -17,6 +17,7 @@ from truejoint.cli.recording_options import as_provenance, parse_metadata
 from truejoint.errors import RosError, TruejointError
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
+from truejoint.threads import short_turns
 
 if TYPE_CHECKING:
     from truejoint.crtk.ros import Transport
@@ -171,7 +172,8 @@ def joined(name: str, ros: int) -> "Iterator[Transport]":
     log.addHandler(handler)
     log.propagate = False
     try:
-        yield transport
+        with short_turns():
+            yield transport
     finally:
         transport.close()
         log.removeHandler(handler)

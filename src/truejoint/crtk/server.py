@@ -44,7 +44,9 @@ _LOG: Final = 1.0  # [s] between two equal lines of the log
 _STATE: Final = 0.1  # [s] between two operating states that are the same
 _VELOCITY: Final = 0.05  # [s] for which a velocity holds at most
 _IDLE: Final = 0.01  # [s] between reports of an arm that does not work
-_DRIFT: Final = 0.1  # [s] by which its clock may be off ROS's
+_WINDOW: Final = 0.25  # [s] of which the least late report says how far its clock is behind ROS's
+_SLIP: Final = 0.05  # [s] by which it may fall further behind until stamps follow
+_READERS: Final = 0.05  # [s] between two looks at which topics somebody reads
 
 _log = logging.getLogger(__name__)
 
@@ -57,7 +59,8 @@ class ArmServer:
     ``spatial/``, and of its grasper, in ``jaw/``. Of `_COMMANDS` the newest pre-empts the others.
     The log says what is refused; that changes nothing. An arm that stands paused goes on to report.
 
-    The arm runs in real time. `profile` names how its messages differ from CRTK
+    The arm runs in real time. Of states that come at once, as where the computer is late, the
+    newest is published. `profile` names how its messages differ from CRTK
     (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
     profile's, and `rate` the most state messages a second [Hz].
 
@@ -77,8 +80,9 @@ class ArmServer:
         self._profile = messages.profile_of(arm.robot, profile)
         self._namespace = namespace
         self._every = max(1, math.ceil(arm.rate / rate - 1e-9))
-        self._rows = 0
-        self._epoch: float | None = None
+        self._cell = -1  # of time, that the last state message was of
+        self._epoch = math.inf  # what the arm's clock is behind ROS's [s]
+        self._least = -math.inf, math.inf  # since when, and how late the least late report was [s]
         self._spoken = threading.Event()
         self._closed = threading.Event()
         self._move: Motion | None = None
@@ -88,6 +92,7 @@ class ArmServer:
         self._newest: dict[str, float] = {}  # stamp of the newest set-point by command [s]
         self._warned: dict[str, float] = {}  # when, by line without numbers [s]
         self._velocity_t = -math.inf
+        self._read: tuple[float, list[str]] = (-math.inf, [])  # since when [s], topics with readers
         self._state_said: tuple[float, tuple[Any, ...]] = (-math.inf, ())
         self._threads: list[threading.Thread] = []
         self._pose_kind = _TRANSFORM if self._profile.swapped else _POSE
@@ -331,12 +336,13 @@ class ArmServer:
                 single = {name: values[row : row + 1] for name, values in columns.items()}
                 self._publish("truth", float(t), **self._joint_state("truth", "truth", single))
             return
-        for row in range(len(block.t)):
-            self._rows += 1
-            if self._rows % self._every:
-                continue
-            self._publish_state(block.rows(slice(row, row + 1)), float(block.t[row]))
-            self._spoken.set()
+        t = float(block.t[-1])
+        cell = math.floor(t * self._arm.rate / self._every)
+        if cell == self._cell and self._every > 1:
+            return
+        self._cell = cell
+        self._publish_state(block.rows(slice(-1, None)) if len(block.t) > 1 else block, t)
+        self._spoken.set()
 
     def _report_idle(self) -> None:
         """Report the operating state while the arm reports nothing else: it is not homed."""
@@ -351,9 +357,11 @@ class ArmServer:
     def _publish_state(self, block: StateBlock, t: float) -> None:
         self._publish_operating_state(t)
         robot, columns = self._arm.robot, block.columns()
-        for name, made in self._publishers.items():
-            if name in _SAID_APART or not made.readers > 0:
-                continue
+        if not 0.0 <= t - self._read[0] < _READERS:
+            named = [name for name in self._publishers if name not in _SAID_APART]
+            self._read = t, [name for name in named if self._publishers[name].readers > 0]
+        for name in self._read[1]:
+            made = self._publishers[name]
             if name.endswith("_js"):
                 self._publish(name, t, **self._joint_values(name, columns))
             elif name.endswith(("_cp", "_cv")):
@@ -438,10 +446,13 @@ class ArmServer:
         self._publishers[crtk].publish(message)
 
     def _stamp(self, t: float) -> float:
-        """Time of ROS's clock at which the arm's shows `t`."""
-        now = self._transport.now()
-        if self._epoch is None or abs(now - (self._epoch + t)) > _DRIFT:
-            self._epoch = now - t
+        """Time of ROS's clock at which the arm's shows `t`; of late reports, when they were due."""
+        epoch = self._transport.now() - t
+        begin, least = self._least
+        is_over = not 0.0 <= t - begin < _WINDOW
+        self._least = (t, epoch) if is_over else (begin, min(least, epoch))
+        has_slipped = is_over and least - self._epoch > _SLIP
+        self._epoch = min(least if has_slipped else self._epoch, epoch)
         return self._epoch + t
 
 

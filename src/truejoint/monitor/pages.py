@@ -2,12 +2,11 @@
 
 import logging
 import math
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any, Final, Self
@@ -24,9 +23,8 @@ from truejoint.monitor.process import PageProcess
 from truejoint.monitor.samples import MOST_ROWS, Condition, LiveSamples, Samples
 from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.threads import short_turns
 
-# A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s].
-_SWITCH_INTERVAL: Final = 1e-4
 _SPEEDS: Final = ("0.25", "1", "2", "5", "20")
 
 _log = logging.getLogger(__name__)
@@ -110,7 +108,7 @@ class ArmPage(_Pictures):
     Notes
     -----
     While the page is open, threads of this process take turns after 0.1 ms rather than Python's 5
-    (`sys.setswitchinterval`), so that correcting holds up no loop that runs beside it.
+    (`truejoint.threads.short_turns`), so that correcting holds up no loop that runs beside it.
 
     Examples
     --------
@@ -136,8 +134,8 @@ class ArmPage(_Pictures):
         self._page: PageProcess = PageProcess(
             arm.robot, self._command, host=host, port=port, remote_control=remote_control
         )
-        self._switched = sys.getswitchinterval()
-        sys.setswitchinterval(min(self._switched, _SWITCH_INTERVAL))
+        self._turns = ExitStack()
+        self._turns.enter_context(short_turns())
         arm.subscribe(self._receive)
         self._start()
 
@@ -145,7 +143,7 @@ class ArmPage(_Pictures):
         """Take the page down; the arm goes on."""
         self._arm.unsubscribe(self._receive)
         super().close()
-        sys.setswitchinterval(self._switched)
+        self._turns.close()
 
     def _receive(self, block: StateBlock | TruthBlock) -> None:
         """Keep a block; in the arm's own thread, so no more than that."""

@@ -358,12 +358,12 @@ class Robot(Summarised):
         """Names of the joints, in order."""
         return tuple(joint.name for joint in self.joints)
 
-    @property
+    @cached_property
     def joint_channels(self) -> list[int]:
         """Position of each joint among the channels."""
         return [self.channels.index(name) for name in self.joint_names]
 
-    @property
+    @cached_property
     def unused_channels(self) -> tuple[str, ...]:
         """Channels of the state message that belong to no joint."""
         return tuple(name for name in self.channels if name not in self.joint_names)

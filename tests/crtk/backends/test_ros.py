@@ -527,6 +527,27 @@ def test_a_set_point_that_is_lost_is_sent_again(monkeypatch):
     assert lost
 
 
+def test_set_points_that_are_late_do_not_come_all_at_once(monkeypatch):
+    """A robot that takes the newest one would leap: they follow each other no faster than 3/4."""
+    robot, sent = Stepped(monkeypatch, 1000.0), []
+    robot.readers["/arm1/servo_jp"].append(lambda message: sent.append(robot.t))
+    taken = RosBackend._is_taken
+
+    def once_late(backend, go_on):
+        if len(sent) == 100:
+            robot.sleep(0.05)
+        return taken(backend, go_on)
+
+    monkeypatch.setattr(RosBackend, "_is_taken", once_late)
+    with robot.arm() as arm:
+        arm.move_jp(ROBOT.home + 0.3 * SHOULDER).wait()
+    between = np.diff(sent[:1000])
+    assert between[:90] == pytest.approx(1e-3)
+    assert between[100:].min() >= 0.75e-3 - 1e-9
+    assert between[100:250] == pytest.approx(0.75e-3)
+    assert sent[900] - sent[0] == pytest.approx(0.9)  # and so they catch up
+
+
 @pytest.mark.parametrize("speed", [0.02, 2.0])
 def test_who_moves_the_arm_after_a_move_is_let_alone(monkeypatch, speed):
     monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
@@ -570,6 +591,38 @@ def test_what_comes_in_a_burst_takes_the_time_that_its_stamps_say(served):
     stream.goal, stream.t = ROBOT.home + 5e-4 * SHOULDER, 5.004
     rows = np.concatenate([next(pieces), next(pieces)])
     assert rows[:, 0] - ROBOT.home[0] == pytest.approx([2e-4, 3e-4, 4e-4, 5e-4])
+
+
+def test_a_stream_that_is_behind_its_stamps_goes_on_at_the_speed_that_they_say(served):
+    """So the next late set-point is no stop: what is behind by up to 10 ms stays."""
+    stream, steps, at = _Stream(ROBOT.home + 1e-4 * SHOULDER, 5.001), [], 1e-4
+    pieces = SetpointFollower(served.arm, print)._pieces(stream, ROBOT.home, "servo_jp")
+    next(pieces)
+    for newest in range(8, 400, 2):  # [ms] after the first
+        stream.goal, stream.t = ROBOT.home + newest * 1e-4 * SHOULDER, 5.0 + 1e-3 * newest
+        rows = next(pieces)[:, 0] - ROBOT.home[0]
+        steps += np.diff(rows, prepend=at).tolist()
+        at = rows[-1]
+    assert steps == pytest.approx([1e-4] * len(steps))
+    stream.goal, stream.t = ROBOT.home + 0.05 * SHOULDER, 5.5  # after a tenth of a second
+    rows = np.concatenate([next(pieces)[:, 0] - ROBOT.home[0] for _ in range(19)])
+    assert np.diff(rows, prepend=at) == pytest.approx([(0.05 - at) / 38] * 38)  # within 40 ms
+
+
+def test_reports_that_come_late_are_stamped_as_they_were_due(served, monkeypatch):
+    """And where the arm's own clock has lost time, its stamps follow."""
+    server, now = ArmServer(served.arm, served.ros, served.profile), 0.0
+    monkeypatch.setattr(served.ros, "now", lambda: now)
+    late = np.where(np.arange(2000) % 7 < 3, 0.02, 0.0)
+    late[1000:] += 0.12
+    stamps = []
+    for t, lag in zip(1e-3 * np.arange(2000), late, strict=True):
+        now = 500.0 + t + lag
+        stamps.append(server._stamp(t) - t)
+    stamps = np.array(stamps)
+    assert stamps[3:1000] == pytest.approx(500.0)
+    assert stamps[1500:] == pytest.approx(500.12)
+    assert np.diff(stamps[3:]).min() > -1e-9  # no stamp goes back
 
 
 def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served, arm, caplog):

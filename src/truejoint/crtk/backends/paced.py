@@ -1,12 +1,16 @@
 """The simulated back end at the pace of the wall clock, as a robot's control computer runs."""
 
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from copy import deepcopy
+from itertools import islice
 from typing import Final
+
+import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
@@ -17,7 +21,8 @@ from truejoint.robots.blocks import SETPOINT_DT, StateBlock
 from truejoint.simulation import Twin, TwinOutput
 
 _AHEAD: Final = 5e-3
-"""Time of the set-points that may wait to be executed while more are asked for [s]."""
+"""Time of the set-points that may wait to be executed while more are asked for, and that a late
+clock makes up for at once [s]."""
 _HOPELESS: Final = 0.1  # lateness [s] after which the clock is taken up anew
 
 
@@ -25,7 +30,8 @@ class PacedBackend(SimulatedBackend):
     """A digital twin that takes a millisecond for a millisecond, and reports all the time.
 
     A thread runs the twin along the set-points sent, else holding the last one; once homed, state
-    messages come one at a time, `rate` a second. Close the arm to end it.
+    messages come one at a time, `rate` a second, or some at once where the computer is late. Close
+    the arm to end it.
 
     Parameters
     ----------
@@ -59,6 +65,7 @@ class PacedBackend(SimulatedBackend):
         self._hold = self.robot.home
         self._failure: BaseException | None = None
         self._due = 0.0
+        self._streamed = -math.inf  # when the last set-point was executed [s]
         self._thread = threading.Thread(target=self._loop, name="paced arm", daemon=True)
         self._thread.start()
 
@@ -109,38 +116,50 @@ class PacedBackend(SimulatedBackend):
         return dropped
 
     def _loop(self) -> None:
-        due = time.perf_counter()
+        due = time.perf_counter() + self.period
         while not self._closed.is_set():
-            due += self.period
             late = time.perf_counter() - due
             if late < 0.0:
                 time.sleep(-late)
             elif late > _HOPELESS:
-                due += late
+                due, late = due + late, 0.0
+            periods = min(1 + int(max(late, 0.0) / self.period), self._most)
             try:
-                self._pass()
+                due += self._pass(periods) * self.period
             except BaseException as error:  # noqa: BLE001  # a subscriber's: the arm stops
                 self._failure = error
                 with suppress(TruejointError):
                     SimulatedBackend.state_command(self, "pause", 1.0)
                 return
 
-    def _pass(self) -> None:
-        """Go to the next set-point, hold the last one, or stand on the brakes."""
+    def _pass(self, most: int) -> int:
+        """Go along the next set-points, hold the last one, or stand on the brakes.
+
+        Gives for how many periods: `most`, or as many as set-points wait.
+        """
+        setpoints: list[Array] = []
+        path = np.empty((most, 0))
         with self._advancing_twin():
             if self._state.is_busy:
-                return  # homing lets the time pass itself
+                return most  # homing lets the time pass itself
             if self._state.is_ready:
                 with self._moved:
-                    self._hold = self._waiting[0] if self._waiting else self._hold
-                output: StateBlock | None = self._run(self._hold[None])
+                    setpoints = list(islice(self._waiting, most))
+                self._hold = setpoints[-1] if setpoints else self._hold
+                # Amid a stream the next one is about to come.
+                rests = self.twin.time - self._streamed > _HOPELESS
+                path = np.array(setpoints or [self._hold] * (most if rests else 1))
+                output: StateBlock | None = self._run(path)
+                self._streamed = self.twin.time if setpoints else self._streamed
             else:
-                output = self._stand(self.period)
+                output = self._stand(most * self.period)
         self._deliver(output)
         with self._moved:  # who waits for a set-point finds it reported
-            if self._waiting and self._waiting[0] is self._hold:
-                self._waiting.popleft()
+            for setpoint in setpoints:
+                if self._waiting and self._waiting[0] is setpoint:
+                    self._waiting.popleft()
             self._moved.notify_all()
+        return len(path)
 
     def _passed(self, piece: TwinOutput) -> None:
         """Let the time of a piece of the homing pass."""

@@ -25,6 +25,7 @@ from truejoint.units import shown
 CONNECT_TIMEOUT: Final = 5.0
 """How long a topic may take to say its first word [s]."""
 _HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
+_HASTE: Final = 0.75  # of a period: set-points that are late follow each other no faster
 _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home says so
 TOLERANCE: Final = {"rad": math.radians(0.15), "m": 1.5e-4}
 """Distance of a joint from its set-point within which it has arrived [rad or m]."""
@@ -108,6 +109,7 @@ class RosBackend:
         self._transport = transport
         self._profile = profile_of(robot, profile)
         self._truth = truth
+        self._columns = {q: [f"{q}/{channel}" for channel in robot.channels] for q in QUANTITIES}
         self._stream = StateStream(
             transport, robot, self._profile, self._on_state, namespace=namespace
         )
@@ -123,7 +125,9 @@ class RosBackend:
         self._topics = ExitStack()
         self._servo: Publisher
         self._command: Publisher
-        self._due = 0.0
+        self._due = self._paced = (
+            0.0  # when a set-point is to be sent, and when the last one was [s]
+        )
         self._stamp = -math.inf  # of the newest set-point [s]
         self._sent: Array | None = None
         self._stood: Array | None = None  # where the robot's set-point was then
@@ -286,8 +290,9 @@ class RosBackend:
         for taken, row in enumerate(position):
             now = time.perf_counter()
             self._due = now if now - self._due > _HOPELESS else self._due + 1.0 / self.rate
-            if self._due > now:
-                time.sleep(self._due - now)
+            begin = max(self._due, self._paced + _HASTE / self.rate)
+            if begin > now:
+                time.sleep(begin - now)
             if not go_on():
                 return taken
             state = self.operating_state()
@@ -299,7 +304,8 @@ class RosBackend:
                 step = np.abs(row - self._sent)
                 room = np.where(step > 0.0, np.maximum(self._largest_step - step, 0.0), 0.0)
                 self._trim = self._trim - np.clip(self._trim / (_FADE * self.rate), -room, room)
-            late = time.perf_counter() - self._due
+            self._paced = time.perf_counter()
+            late = self._paced - self._due
             self._send(row, late if late < _HOPELESS else 0.0)
         return len(position)
 
@@ -529,11 +535,10 @@ class RosBackend:
         The set-point is without the `trim` (n_joints,) that was added to it [rad or m].
         """
         arrays: dict[str, Any] = {}
-        for quantity in QUANTITIES:
-            names = [f"{quantity}/{channel}" for channel in self.robot.channels]
-            said = any(name in columns for name in names)
+        for quantity, names in self._columns.items():
             row = [columns[name][0] if name in columns else 0.0 for name in names]
-            arrays[quantity] = np.array([row]) if said else np.empty((1, 0))
+            unsaid = columns.keys().isdisjoint(names)
+            arrays[quantity] = np.empty((1, 0)) if unsaid else np.array([row])
         measured = arrays["measured"]
         if not arrays["setpoint"].shape[1]:
             arrays["setpoint"] = measured
