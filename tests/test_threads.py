@@ -28,5 +28,8 @@ def test_turns_are_short_and_old_objects_are_not_searched() -> None:
     with short_turns():
         assert sys.getswitchinterval() <= 1e-4 + 1e-9
         assert gc.get_freeze_count() > 10_000
+        with short_turns():
+            pass
+        assert gc.get_freeze_count() > 10_000
     assert (sys.getswitchinterval(), gc.get_freeze_count()) == (before, 0)
     gc.freeze()

@@ -24,14 +24,16 @@ def short_turns() -> Iterator[None]:
     ...     sys.getswitchinterval() < 1e-3
     True
     """
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, _TURN))
-    gc.freeze()
+    interval, is_frozen = sys.getswitchinterval(), gc.get_freeze_count() > 0
+    sys.setswitchinterval(min(interval, _TURN))
+    if not is_frozen:
+        gc.freeze()
     try:
         yield
     finally:
-        gc.unfreeze()
-        sys.setswitchinterval(before)
+        if not is_frozen:
+            gc.unfreeze()
+        sys.setswitchinterval(interval)
 
 
 def one_thread() -> AbstractContextManager[Any]:
