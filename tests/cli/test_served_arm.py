@@ -44,6 +44,7 @@ def model(tmp_path_factory):
             follow(arm, random_motion(arm.robot, 20.0, seed=1))
     path = tmp_path_factory.mktemp("model") / "m.safetensors"
     made = truejoint.calibrate(recorder.recording(), "offset")
+    truejoint.write_calibration(made, path.with_name("made.safetensors"))
     truejoint.write_calibration(made.at(truejoint.calibration.Zero(np.full(6, 0.02))), path)
     return path
 
@@ -100,5 +101,7 @@ def test_a_served_arm_is_checked_and_its_model_re_zeroed(call, ros, model, at_ho
     call.good(f"rezero {brief} -o today.safetensors")
     today = truejoint.read_calibration("today.safetensors")
     np.testing.assert_array_less(np.abs(today.zero.offset - offsets), near)
+    words = f"{model.with_name('made.safetensors')} --ros {ros} --duration-s 1 --potentiometers"
+    call.refuses("outer_insertion hardly moved", f"rezero {words} -o p.safetensors")
     said = "/ext_jpoz: no truth came within 1 s; did you mean '/ext_jpos'?"
     call.refuses(said, f"check {model} --ros {ros} --duration-s 1 --truth /ext_jpoz")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -38,16 +38,20 @@ class Topics:
     namespace: str = ""
     profile: str = ""
 
-    def backend(self, transport: Transport, robot: Robot, truth: str) -> Backend:
+    def backend(
+        self, transport: Transport, robot: Robot, truth: str, beside: Sequence[str] = ()
+    ) -> Backend:
         """Arm on the topics of a node."""
         make, space = truejoint.crtk.RosBackend, self.namespace
-        return make(transport, robot, self.profile, namespace=space, truth=truth)
+        return make(transport, robot, self.profile, namespace=space, truth=truth, beside=beside)
 
     @contextmanager
-    def over_ros(self, robot: Robot, truth: str = "", *, controls: bool = False) -> Iterator[Arm]:
+    def over_ros(
+        self, robot: Robot, truth: str = "", beside: Sequence[str] = (), *, controls: bool = False
+    ) -> Iterator[Arm]:
         """Look on while others move the arm or, where it `controls`, be the only one who does."""
         with joined("truejoint", self.ros or 1) as transport:
-            connected = partial(self.backend, transport, robot, truth)
+            connected = partial(self.backend, transport, robot, truth, beside)
             with truejoint.crtk.Arm(connected(), controls=False) as device:
                 if not controls:
                     yield device
@@ -72,6 +76,7 @@ class RealArm(ArmOnTopics):
     """Whether a real arm is driven, and which, an option each."""
 
     yes_move_it: bool = False
+    beside: list[str] | None = None
 
     def or_twin(self, robot: str, backend: Callable[[], Backend]) -> AbstractContextManager[Arm]:
         """Switch on the arm of a twin or, once somebody has agreed, the one on ROS's topics."""
@@ -93,7 +98,7 @@ class RealArm(ArmOnTopics):
         prompt = f"{what}. Type its name to go on"
         if not self.yes_move_it and typer.prompt(prompt, default="", err=True) != name:
             raise CommandRefused("nothing was moved: another name was typed")
-        with self.over_ros(robot, self.truth, controls=True) as device:
+        with self.over_ros(robot, self.truth, self.beside or (), controls=True) as device:
             yield device
 
 
@@ -104,10 +109,15 @@ class BriefTruth(ArmOnTopics):
     duration_s: float = 10.0
 
     def read(
-        self, name: str | None, files: Files, model: truejoint.Calibration
+        self,
+        name: str | None,
+        files: Files,
+        model: truejoint.Calibration,
+        *,
+        potentiometers: bool = False,
     ) -> truejoint.Recording:
         """Read a recording or, with `--ros`, record the model's arm while others move it."""
-        from truejoint.crtk.messages import JOINT_STATE
+        from truejoint.crtk.messages import JOINT_STATE, POT_TOPIC, profile_of
 
         if self.ros is None:
             if name is None:
@@ -118,10 +128,12 @@ class BriefTruth(ArmOnTopics):
             raise CommandRefused(
                 f"--duration-s {duration:g}: give 1 to 600 s for what is recorded now"
             )
+        topic = profile_of(robot, self.profile).topic(robot.arm, POT_TOPIC, self.namespace)
+        beside = [topic] if potentiometers else []
         with (
             joined("truejoint", self.ros) as transport,
             truejoint.crtk.Arm(
-                self.backend(transport, robot, self.truth), controls=False
+                self.backend(transport, robot, self.truth, beside), controls=False
             ) as device,
         ):
             if not device.operating_state().is_homed:
@@ -132,7 +144,7 @@ class BriefTruth(ArmOnTopics):
                 device.wait(duration)
                 device.operating_state()  # of an arm that has fallen silent there is none
             recording = recorder.recording()
-            if not recording.joints_of("truth"):
+            if not potentiometers and not recording.joints_of("truth"):
                 states = sorted(t for t, k in transport.topics().items() if k == JOINT_STATE)
                 near = meant(self.truth, states) or f" joint states: {', '.join(states) or 'none'}"
                 raise RosError(f"{self.truth}: no truth came within {duration:g} s;{near}")

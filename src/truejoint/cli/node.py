@@ -102,6 +102,7 @@ def record(
     robot: str = DEFAULT,
     profile: str = "",
     truth: str = "",
+    beside: list[str] | None = None,
     state_rate_hz: float = 100.0,
     metadata: list[str] | None = None,
     force: bool = False,
@@ -113,7 +114,7 @@ def record(
     with as_node("truejoint_record", link.ros) as transport:
         target = options.get_robot(robot)
         backend = truejoint.crtk.RosBackend(
-            transport, target, profile, namespace=link.namespace, truth=truth
+            transport, target, profile, namespace=link.namespace, truth=truth, beside=beside or ()
         )
         with truejoint.crtk.Arm(backend, controls=False) as device:
             recorder = truejoint.recordings.Recorder(

@@ -159,7 +159,8 @@ def _check_together(stated: set[str], entries: Mapping[str, Mapping[str, Any]]) 
     for name in sorted(stated):
         needed, excluded = entries[name].get("needs", ()), entries[name].get("excludes", ())
         if needed and not stated & set(needed):
-            raise CommandRefused(f"{flag(name)} needs {' or '.join(map(flag, needed))}")
+            of_command = filter(entries.__contains__, needed)
+            raise CommandRefused(f"{flag(name)} needs {' or '.join(map(flag, of_command))}")
         for other in stated & set(excluded):
             raise CommandRefused(f"{flag(name)} and {flag(other)}: give one of the two")
 

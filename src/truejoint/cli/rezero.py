@@ -47,7 +47,8 @@ def rezero(
     calibration, tip = truejoint.read_calibration(model), truejoint.tip
     if recording is None and source.touches is None and live.ros is None:
         raise CalibrationError("name the recording to re-zero from, or give --touches or --ros")
-    name = recording or live.truth or str((source.touches or Path()).with_suffix(".parquet"))
+    beside = "" if source.touches is None else str(source.touches.with_suffix(".parquet"))
+    name = recording or live.truth or beside or "ROS's topics"
     if source.touches is not None and source.bolted is not None:
         pose, made = tip.read_pose(source.bolted), tip.read_touches(source.touches)
         sd = TOUCH_SD if source.touch_sd_mm is None else source.touch_sd_mm / 1e3
@@ -62,7 +63,7 @@ def rezero(
             soft_wrap=True,
         )
         return result
-    loaded = live.read(name, files, calibration)
+    loaded = live.read(name, files, calibration, potentiometers=source.potentiometers)
     if source.motor is not None:
         by = None if source.motor == model else truejoint.read_calibration(source.motor)
         with progress("Comparing both sides of the cable"):

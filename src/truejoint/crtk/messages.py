@@ -39,6 +39,12 @@ Their joint states hold the actuators, called ``actuator_0`` and so on, in rad a
 jhu-dvrk/dvrk-ros (dvrk_robot, console), jhu-dvrk/sawRobotIO1394 (mtsRobot1394.cpp),
 jhu-dvrk/dvrk_python (scripts/dvrk_calibrate_potentiometers.py).
 """
+FORCES: Final = {"force_gauge": ("gauge", 0), "force_cmd": ("command", 3)}
+"""Topics of a force [N]: what it is, and where it stands in the positions of a joint state.
+
+Source: uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_force_gauge_pub.py,
+run_r2_trajectory_follow_with_force.py.
+"""
 CORRECTED: Final = "corrected"
 """Namespace, within an arm's, of what a correcting node says."""
 
@@ -282,6 +288,26 @@ def joint_state_columns(
         for name, values in quantities.items()
         for k, joint in enumerate(joints)
     }
+
+
+def beside_columns(
+    robot: Robot, topic: str, names: Sequence[str], position: Array, profile: Profile
+) -> dict[str, Array]:
+    """Columns (n,) [SI] of joint states (n, k) of a topic that is recorded beside an arm's state.
+
+    It tells of potentiometers (`POT_TOPIC`) or of a force (`FORCES`). Raises RobotError for any
+    other, or if a message is too short.
+    """
+    name = crtk_name(topic)
+    if topic.endswith(POT_TOPIC.partition("/")[2]):
+        return joint_state_columns(robot, "pot", names, {"position": position}, profile)
+    if name not in FORCES:
+        known = ", ".join([POT_TOPIC, *FORCES])
+        raise RobotError(f"{topic} cannot be recorded beside the state; these can: {known}")
+    force, place = FORCES[name]
+    if position.shape[1] <= place:
+        raise RobotError(f"{topic}: {position.shape[1]} values; the force is value {place + 1}")
+    return {f"force/{force}": position[:, place]}
 
 
 def joint_state_fields(

@@ -104,6 +104,8 @@ class ArmServer:
         if arm.robot.kinematics is not None:
             self._kinds |= dict.fromkeys(("measured_cp", "setpoint_cp"), self._pose_kind)
             self._kinds |= {"measured_cv": _TWIST, **({} if self._profile.swapped else _OF_DVRK)}
+        if self._profile.actuators:
+            self._kinds[messages.POT_TOPIC] = JOINT_STATE
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
         self._jaws = arm.robot.grasper
@@ -392,6 +394,8 @@ class ArmServer:
             jaws = [float(columns[f"{quantity}/{jaw}"][0]) for jaw in self._jaws]
             opening = {"name": ["jaw"], "position": [sum(jaws)]}
             return {"position": [sum(jaws), *jaws]} if self._grasper else opening
+        if name == messages.POT_TOPIC:
+            return self._joint_state(name, "pot", columns)
         if quantity == "measured":
             return self._joint_state(name, quantity, columns)
         position = [float(columns[f"setpoint/{joint}"][0]) for joint in names]

@@ -21,6 +21,7 @@ from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED
 from truejoint.crtk.server import ArmServer, matrix_of
 from truejoint.crtk.setpoint_follower import SetpointFollower, _Stream
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
+from truejoint.recordings import Recorder
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2")
@@ -124,6 +125,67 @@ def test_an_arm_over_ros_moves_and_reports_as_any_other(served, arm):
     arm.pause()
     assert arm.operating_state().state == "PAUSED"
     assert served.arm.operating_state().state == "PAUSED"
+
+
+FORCES = {"force_gauge": [0.4], "force_cmd": [0.0, 0.0, 0.0, -2.8]}
+
+
+def speaks(served, monkeypatch, topics):
+    """Let topics of `FORCES` speak to whoever subscribes."""
+    subscribe = served.ros.subscribe
+
+    def and_send(topic, *what, **how):
+        end = subscribe(topic, *what, **how)
+        if topic in topics:
+            message = served.ros.stamped(JOINT_STATE, served.ros.now())
+            message.position = FORCES[topic.strip("/")]
+            served.ros.send(topic, message)
+        return end
+
+    monkeypatch.setattr(served.ros, "subscribe", and_send)
+
+
+def test_forces_are_recorded_beside_the_state(served, arm, monkeypatch):
+    speaks(served, monkeypatch, ("/force_gauge", "/force_cmd"))
+    backend = RosBackend(served.ros, ROBOT, served.profile, beside=("/force_gauge", "/force_cmd"))
+    with Arm(backend, controls=False) as looking, Recorder(looking, state_rate=np.inf) as recorder:
+        hear(looking, 3)
+        served.ros.send("/force_gauge", SimpleNamespace(position=[0.7], name=[]))
+        hear(looking, 3)
+    recording = recorder.recording()
+    assert recording.units["force/gauge"] == recording.units["force/command"] == "N"
+    assert set(recording["force/command"]) == {-2.8}
+    assert recording["force/gauge"][0] == 0.4
+    assert recording["force/gauge"][-1] == 0.7
+
+
+@pytest.mark.parametrize(
+    ("topic", "position", "said"),
+    [
+        ("/force_cmd", [1.0], "1 values; the force is value 4"),
+        ("/arm1/setpoint_js", None, "cannot be recorded beside the state; these can: io/pot/"),
+        ("/force_gauge", None, "no message on /force_gauge within"),
+    ],
+)
+def test_what_cannot_be_recorded_beside_the_state_is_refused(
+    served, arm, monkeypatch, topic, position, said
+):
+    monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setitem(FORCES, "force_cmd", position)
+    speaks(served, monkeypatch, (topic,) if position else ())
+    with pytest.raises(RosError, match=said):
+        Arm(RosBackend(served.ros, ROBOT, served.profile, beside=(topic,)), controls=False)
+
+
+def test_a_force_that_falls_silent_ends_what_records_it(served, arm, monkeypatch):
+    speaks(served, monkeypatch, ("/force_gauge",))
+    backend = RosBackend(served.ros, ROBOT, served.profile, beside=("/force_gauge",))
+    with Arm(backend, controls=False) as looking:
+        hear(looking, 3)
+        _, columns = backend._readings["/force_gauge"]
+        backend._readings["/force_gauge"] = -2 * LONG, columns
+        with pytest.raises(CommandRefused, match=r"/force_gauge has been silent for more than"):
+            looking.operating_state()
 
 
 def test_a_paused_arm_goes_on_to_report(served, arm):

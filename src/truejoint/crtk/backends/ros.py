@@ -5,14 +5,15 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED, profile_of
+from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED, beside_columns, profile_of
 from truejoint.crtk.protocol import ARRIVAL, SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
@@ -67,6 +68,9 @@ class RosBackend:
         Namespace of its topics, for instance ``"/PSM1"``; by default the profile's.
     truth : str
         Topic of joint sensors, a JointState; empty where there are none.
+    beside : sequence of str
+        Topics that are recorded with the state: potentiometers or a force
+        (`truejoint.crtk.messages.beside_columns`). One that is silent is an error.
     rate : float
         Set-points that the robot takes a second [Hz]; RAVEN-II's servo loop takes 1000 (peng2024
         IV-A).
@@ -101,6 +105,7 @@ class RosBackend:
         *,
         namespace: str = "",
         truth: str = "",
+        beside: Sequence[str] = (),
         rate: float = 1.0 / SETPOINT_DT,
         tolerance: Mapping[str, float] = TOLERANCE,
     ) -> None:
@@ -108,7 +113,8 @@ class RosBackend:
         self.rate: Final = float(rate)
         self._transport = transport
         self._profile = profile_of(robot, profile)
-        self._truth = truth
+        self._truth, self._beside = truth, tuple(beside)
+        self._readings: dict[str, tuple[float, Mapping[str, Array]]] = {}  # and when [s], by topic
         self._columns = {q: [f"{q}/{channel}" for channel in robot.channels] for q in QUANTITIES}
         self._stream = StateStream(
             transport, robot, self._profile, self._on_state, namespace=namespace
@@ -118,7 +124,7 @@ class RosBackend:
         self._state: OperatingState | None = None
         self._heard = -np.inf  # when, by this computer's clock
         self._ahead = 0.0  # of the robot's clock [s]
-        self._homing = ""
+        self._homing = self._refusal = ""
         self._setpoint: Array | None = None
         self._velocity: tuple[float, Array] | None = None
         self._delivering = threading.Lock()
@@ -174,6 +180,7 @@ class RosBackend:
         self._state = self._setpoint = self._measured = self._velocity = None
         self._failure = None
         self._homing, self._has_commanded = "", False
+        self._readings.clear()
         self._closed.clear()
         self._listener = listener
         try:
@@ -198,6 +205,16 @@ class RosBackend:
         with self._changed:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
+        for topic in self._beside:
+            read = partial(self._on_beside, topic)
+            self._topics.callback(transport.subscribe(topic, JOINT_STATE, read))
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._refusal or len(self._readings) == len({*self._beside}),
+                CONNECT_TIMEOUT if self._beside else 0.0,
+            )
+        if silent := [topic for topic in self._beside if topic not in self._readings]:
+            raise RosError(self._refusal or self._nobody(silent[0]))
         self._stream.start()
         if self.operating_state().is_homed:
             self._wait_for_joints()
@@ -221,6 +238,9 @@ class RosBackend:
                 f"{self._stream.name('operating_state')} has been silent for {silent:.1f} s, "
                 "as have the joints: does the robot still run, and the network?"
             )
+        for topic, (heard, _) in self._readings.items():
+            if time.monotonic() - heard > SILENCE:
+                raise CommandRefused(f"{topic} has been silent for more than {SILENCE:g} s")
         return state
 
     def state_command(self, command: StateCommand, timeout: float) -> None:
@@ -546,7 +566,8 @@ class RosBackend:
             arrays["setpoint"][:, self.robot.joint_channels] -= trim
         if not arrays["velocity"].shape[1]:
             arrays["velocity"] = self._speed(t, measured)
-        return StateBlock(np.array([t]), self.robot.channels, **arrays)
+        extra = {n: v for _, columns in self._readings.values() for n, v in columns.items()}
+        return StateBlock(np.array([t]), self.robot.channels, **arrays, extra=extra)
 
     def _speed(self, t: float, measured: Array) -> Array:
         """Change since the last row [rad/s or m/s], for robots that state no velocity."""
@@ -554,6 +575,17 @@ class RosBackend:
         if last is None or not t > last[0]:
             return np.zeros_like(measured)
         return np.asarray((measured - last[1]) / (t - last[0]))
+
+    def _on_beside(self, topic: str, message: Any) -> None:
+        position = np.array([message.position], dtype=float)
+        try:
+            columns = beside_columns(self.robot, topic, message.name, position, self._profile)
+        except RobotError as refusal:
+            self._refusal = str(refusal)
+            return
+        with self._changed:
+            self._readings[topic] = time.monotonic(), columns
+            self._changed.notify_all()
 
     def _on_truth(self, message: Any) -> None:
         state, listener = self._state, self._listener

@@ -503,7 +503,7 @@ _UNITS: Final = {
     **dict.fromkeys(("motor", "motor_setpoint", "driver"), "rad"),
     **dict.fromkeys(("motor_velocity", "driver_velocity"), "rad/s"),
     **dict.fromkeys(("tool", "tool_setpoint", "cable"), "m"),
-    **dict.fromkeys(("tension", "truth_tension"), "N"),
+    **dict.fromkeys(("tension", "truth_tension", "force"), "N"),
     "current": "A",
     "truth_load": "Nm",
 }
