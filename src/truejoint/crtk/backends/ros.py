@@ -131,9 +131,7 @@ class RosBackend:
         self._topics = ExitStack()
         self._servo: Publisher
         self._command: Publisher
-        self._due = self._paced = (
-            0.0  # when a set-point is to be sent, and when the last one was [s]
-        )
+        self._due = self._paced = 0.0  # when the last set-point was due, and was sent [s]
         self._stamp = -math.inf  # of the newest set-point [s]
         self._sent: Array | None = None
         self._stood: Array | None = None  # where the robot's set-point was then
