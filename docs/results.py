@@ -99,8 +99,7 @@ def section(name: str, *chosen: str) -> str:
             lines += [] if note.startswith(RULE) else [note, ""]
     day = origin["created"][:10]
     commands = " and ".join(f"`{each}`" for each in origin["command"].split(" && ") if each)
-    last = f"{commands}, {day}." if commands else f"Stored {day}; no one command repeats it."
-    return "\n".join([*lines, last])
+    return "\n".join([*lines, f"{commands}, {day}."])
 
 
 def page() -> str:
