@@ -68,7 +68,7 @@ class Served:
 
 
 @pytest.fixture(autouse=True)
-def _patient(monkeypatch):
+def _patient(monkeypatch, hasty):
     """On a busy machine a thread that reports may be silent for long, above all if it compiles."""
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         monkeypatch.setattr(ros, name, LONG)
@@ -80,8 +80,6 @@ def _patient(monkeypatch):
     go_on = RosBackend.flush.__defaults__[1]
     monkeypatch.setattr(RosBackend.flush, "__defaults__", (LONG, go_on))  # in place of 2 s
     monkeypatch.setattr("truejoint.crtk.server._LATE", 4.0)
-    for name, speed in (("_MOVE_POSITIONING", 0.2), ("_MOVE_TOOL", 2.0)):  # [rad/s], to wait less
-        monkeypatch.setattr(f"truejoint.crtk.limits.{name}", speed)
 
 
 @pytest.fixture(params=["raven2_mended"])
