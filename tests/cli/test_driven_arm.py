@@ -160,6 +160,7 @@ def test_a_person_touches_with_it_while_it_is_looked_at(call, arm, model, tmp_pa
     call.refuses("--ros and --twin: give one of the two", f"{line} --twin worn -o touches.csv")
 
 
+@pytest.mark.usefixtures("hasty")
 def test_it_goes_where_it_is_told(call, arm):
     goals = "--go-to shoulder=40 --go-to insertion=385mm"
     said = call.good(f"teleop {OVER} {goals} --yes-move-it")

@@ -31,6 +31,7 @@ def session(tmp_path_factory):
     return folder
 
 
+@pytest.mark.usefixtures("hasty")
 def test_touches_find_the_zero_of_another_power_on(call, session, tmp_path):
     call.good(f"calibrate {session}/learn.parquet -e linear -o psm1.safetensors")
     call.good(f"touch block {ARM} -o .")
