@@ -559,10 +559,10 @@ def test_a_link_that_stalls_has_time_to_take_set_points(monkeypatch, refusing, s
     While it is not heard, nothing says that it refuses them.
     """
     monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
-    robot = Stepped(monkeypatch, 200.0, refusing, silent=silent)
+    robot = Stepped(monkeypatch, 1000.0, refusing, silent=silent)
     with robot.arm() as arm:
         arm.move_jp(ROBOT.home + 0.3 * SHOULDER).wait()
-        robot.sleep(1e-2)  # the last one is taken by the next report
+        robot.sleep(2e-3)  # the last one is taken by the next report
         assert robot.setpoint == pytest.approx(ROBOT.home + 0.3 * SHOULDER, abs=1e-6)
     assert len(robot.refused) < 100  # and meanwhile nothing new is sent
 
