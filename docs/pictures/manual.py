@@ -460,6 +460,37 @@ def like() -> Any:
     return figure
 
 
+def psm() -> Any:
+    """Draw what a line leaves of two joints' errors on the page of the dVRK's arm."""
+    recordings = []
+    with truejoint.crtk.simulated_arm("dvrk_psm", "psm1", seed=0) as arm:
+        arm.enable()
+        arm.home()
+        for seconds, seed in ((120.0, 0), (60.0, 5)):
+            with Recorder(arm, state_rate=30.0) as recorder:
+                follow(arm, random_motion(arm.robot, seconds, seed=seed))
+            recordings.append(recorder.recording().with_truth(arm.robot.positioning))
+    learn, test = recordings
+    joints = ("outer_yaw", "outer_wrist_yaw")
+    figure, axes = panels(columns=2, sharex=True)
+    for name, colour, label in (
+        (None, MEASURED, "reported"),
+        ("offset", OTHER, "less a fixed offset"),
+        ("linear", CORRECTED, "linear"),
+    ):
+        error = -test.error(test.joints_of("truth"))
+        if name is not None:
+            model = truejoint.calibrate(learn, name)
+            error = model.correct(test) - test.columns("truth", model.joints)
+        for axis, joint in zip(axes[0], joints, strict=True):
+            k = test.joints_of("truth").index(joint)
+            t = test.t - test.t[0]
+            axis.plot(t, np.degrees(error[:, k]), color=colour, lw=1.1, label=label)
+            axis.set(xlabel="time [s]", ylabel=f"error of {joint} [deg]")
+    axes[0, 0].legend(frameon=False, loc="lower left", ncols=3, bbox_to_anchor=(0.0, 1.0))
+    return figure
+
+
 def lever() -> Any:
     """Draw the error of the lever that the page on own robots brings, and what its trees leave."""
     names = page_of("robots.md")
@@ -561,6 +592,7 @@ PICTURES: Final[dict[str, Callable[[], Any]]] = {
     "clocks": clocks,
     "block": block,
     "like": like,
+    "psm": psm,
     "lever": lever,
     "real": real,
     "twin_paper": twin_paper,
