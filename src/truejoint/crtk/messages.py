@@ -215,6 +215,11 @@ def crtk_name(topic: str) -> str:
     return re.sub(r"_\d+hz$", "", topic.rpartition("/")[2])
 
 
+def is_pot(topic: str) -> bool:
+    """Whether a topic tells of potentiometers (`POT_TOPIC`), whatever reads them."""
+    return topic.endswith(POT_TOPIC.removeprefix("io"))
+
+
 def message_type(name: str) -> str:
     """Name of a message type as ROS 1 writes it: ``a/msg/B`` of ROS 2 is ``a/B``."""
     return name.replace("/msg/", "/")
@@ -299,7 +304,7 @@ def beside_columns(
     other, or if a message is too short.
     """
     name = crtk_name(topic)
-    if topic.endswith(POT_TOPIC.partition("/")[2]):
+    if is_pot(topic):
         return joint_state_columns(robot, "pot", names, {"position": position}, profile)
     if name not in FORCES:
         known = ", ".join([POT_TOPIC, *FORCES])

@@ -46,8 +46,7 @@ class SetpointFollower:
     straight line of the joints. A newer one takes its place at once: none is queued. If others were
     passed over for it, it takes nearly the time that its stamp says, up to 40 ms: a link that
     jitters changes no speed. The motion ends once the newest is reached and no other comes within
-    `LAPSE`.
-    `say` is called with a line where the arm cannot keep up.
+    `LAPSE`. `say` is called with a line where the arm cannot keep up.
     """
 
     def __init__(self, arm: Arm, say: Callable[[str], None]) -> None:

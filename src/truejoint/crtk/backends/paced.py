@@ -137,8 +137,7 @@ class PacedBackend(SimulatedBackend):
 
         Gives for how many periods: `most`, or as many as set-points wait.
         """
-        setpoints: list[Array] = []
-        path = np.empty((most, 0))
+        setpoints, periods = list[Array](), most
         with self._advancing_twin():
             if self._state.is_busy:
                 return most  # homing lets the time pass itself
@@ -148,8 +147,9 @@ class PacedBackend(SimulatedBackend):
                 self._hold = setpoints[-1] if setpoints else self._hold
                 # Amid a stream the next one is about to come.
                 rests = self.twin.time - self._streamed > _HOPELESS
-                path = np.array(setpoints or [self._hold] * (most if rests else 1))
-                output: StateBlock | None = self._run(path)
+                path = setpoints or [self._hold] * (most if rests else 1)
+                output: StateBlock | None = self._run(np.array(path))
+                periods = len(path)
                 self._streamed = self.twin.time if setpoints else self._streamed
             else:
                 output = self._stand(most * self.period)
@@ -159,7 +159,7 @@ class PacedBackend(SimulatedBackend):
                 if self._waiting and self._waiting[0] is setpoint:
                     self._waiting.popleft()
             self._moved.notify_all()
-        return len(path)
+        return periods
 
     def _passed(self, piece: TwinOutput) -> None:
         """Let the time of a piece of the homing pass."""

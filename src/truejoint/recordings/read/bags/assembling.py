@@ -36,7 +36,6 @@ JOINT_FIELDS: Final = ("position", "velocity", "effort")
 HOMED: Final = "is_homed"
 # Names of CRTK, and of others, that are no joint sensors'.
 _NO_TRUTH: Final = ("measured_js", "setpoint_js", "goal_js", "joint_states", "joint_enc")
-_POT: Final = "/pot/measured_js"
 _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
 
 
@@ -92,7 +91,7 @@ def find_wiring(
         here = of_arm == robot.arm if of_arm and robot.arm else near == space
         if kind in messages.OPERATING_STATES and what == "operating_state" and here:
             homed = name
-    pots = (name for name in of_io if name.endswith(_POT) and chosen.arm_of(name) == robot.arm)
+    pots = (name for name in of_io if messages.is_pot(name) and chosen.arm_of(name) == robot.arm)
     added += [*pots][:1]
     if truth == "":
         others = {name: about for name, about in of_robot.items() if name not in (state, *added)}
@@ -247,7 +246,7 @@ def _series_of(
 ) -> dict[str, Series]:
     """Columns of the topics of a wiring, by topic."""
     quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {
-        name: "pot" if name.endswith(_POT) else messages.crtk_name(name).partition("_")[0]
+        name: "pot" if messages.is_pot(name) else messages.crtk_name(name).partition("_")[0]
         for name in wiring.others
     }
     series = {name: Series() for name in (*wiring.joints, wiring.homed)}
