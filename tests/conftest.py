@@ -90,7 +90,7 @@ class LaggingBackend:
     """
 
     def __init__(self, lag: float, rate: float = 1000.0) -> None:
-        self.rate, self.grain = rate, 0.01
+        self.rate, self.grain, self.stretch = rate, 0.01, 0.5
         self.robot = get_robot("raven2", "left")
         self.time = 0.0
         self.homing_id = "lagging"

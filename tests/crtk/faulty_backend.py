@@ -8,7 +8,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.limits import checked_backend
-from truejoint.crtk.protocol import Backend, Listener
+from truejoint.crtk.protocol import STRETCH, Backend, Listener
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots.blocks import StateBlock, TruthBlock, in_grains
@@ -28,7 +28,9 @@ class Fault:
 
 
 class FaultyBackend:
-    """Another back end, with faults."""
+    """Another back end, with faults, that is sent motions as a real one is."""
+
+    stretch = STRETCH
 
     def __init__(self, backend: Backend, faults: Sequence[Fault]) -> None:
         checked_backend(backend)

@@ -110,5 +110,5 @@ def test_what_is_no_back_end_is_said_in_a_line():
         setattr(other, name, wrong)
         with pytest.raises(RobotError, match=re.escape(said)):
             checked_backend(other)
-    with pytest.raises(RobotError, match=r"not a Backend; it lacks robot, rate, grain, time"):
+    with pytest.raises(RobotError, match=r"not a Backend; it lacks robot, rate, grain, stretch"):
         truejoint.crtk.Arm("raven2")

@@ -25,7 +25,7 @@ class FakeArm:
 
     def __init__(self) -> None:
         self.robot = get_robot("raven2", "right")
-        self.homing_id = ""
+        self.homing_id, self.stretch = "", 0.5
         self.listeners: list[Callable[..., None]] = []
 
     def subscribe(self, callback: Callable[..., None], every: float = 0.0) -> None:

@@ -31,7 +31,6 @@ TIMEOUT: Final = 5.0
 """Time limit of a state command other than homing [s]."""
 HOMING_TIMEOUT: Final = 120.0
 
-_STRETCH: Final = 0.5  # [s] that are sent at once at most, where no subscriber wants blocks sooner
 _OPEN: "Final[weakref.WeakSet[Arm]]" = weakref.WeakSet()
 
 
@@ -61,6 +60,8 @@ class Arm:
         Set-points that it takes a second [Hz], as what is behind declares it.
     grain : float
         Time [s] within which a motion notices that it is to stop.
+    stretch : float
+        Longest piece of a motion [s] that is sent at once, where no subscriber wants blocks sooner.
 
     Raises
     ------
@@ -85,6 +86,7 @@ class Arm:
         self._backend = backend
         self._controls = controls
         self.rate, self.grain = limits.checked_backend(backend)
+        self.stretch: Final = backend.stretch
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = self.robot.joint_channels
         self._subscriptions: list[Subscription] = []
@@ -495,8 +497,8 @@ class Arm:
             if silent > SILENCE and self._unreported_s > SILENCE:
                 why = f"no state message for {silent:.1f} s; does it report?"
                 raise motion.stopped(why, state.t)
-            every = min((s.every for s in tuple(self._subscriptions)), default=_STRETCH)
-            size = max(round(min(max(every, self.grain), _STRETCH) * self.rate), 1)
+            every = min((s.every for s in tuple(self._subscriptions)), default=self.stretch)
+            size = max(round(min(max(every, self.grain), self.stretch) * self.rate), 1)
             piece = rows[taken : taken + size]
             # Before they are sent: a subscriber may raise meanwhile.
             self._last_setpoints = path[taken + len(piece) :][:2]

@@ -12,6 +12,8 @@ from truejoint.robots.blocks import TruthBlock as TruthBlock  # noqa: PLC0414
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""
 
+STRETCH: Final = 0.5
+"""Piece of a motion that a robot in real time is sent at once [s]."""
 ARRIVAL: Final = 2.0
 """Time that joints may take to come to the last set-point [s]."""
 SILENCE: Final = 1.0
@@ -47,6 +49,10 @@ class Backend(Protocol):
     @property
     def grain(self) -> float:
         """Longest time that `servo_jp` goes on without asking whether it shall [s]."""
+
+    @property
+    def stretch(self) -> float:
+        """Longest piece of a motion [s] to send at once; its state is looked at in between."""
 
     @property
     def time(self) -> float:

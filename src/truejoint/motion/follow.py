@@ -188,7 +188,7 @@ class _Run:
         pieces = self._pieces(start, duration)
         if self._steering is not None:
             pieces = self._steering.setpoints(arm, pieces, self._leg())
-        arm.subscribe(self._look, every=1.0)  # not while it stands, which may be for long
+        arm.subscribe(self._look, every=arm.stretch)  # not while it stands, which may be for long
         try:
             motion = arm.stream(pieces, duration, "follow")
             try:

@@ -21,7 +21,6 @@ from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.recordings.table.stream import BRIDGED_TIME, Stream
 
 _STREAMS: Final = stream_file.STATE, stream_file.TRUTH
-_PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 LONGEST: Final = 12 * 3600.0
 """Rows later than this after the first [s] are counted and not kept."""
 PAST_END: Final = "state: past the longest duration"
@@ -70,10 +69,10 @@ class Recorder:
     """Records an arm from entering to leaving a ``with`` block.
 
     The state is thinned out to `state_rate` as it arrives. Memory grows by about 10 kB per second
-    of motion at any rate of the arm, for 12 h at most. With a `path` it is written meanwhile, twice
-    a second of the arm's clock, to ``<name>.unfinished.stream``, which any command reads. There it
-    stays if the block is left by an exception or by Ctrl-C, if the program is killed, or where
-    `path` cannot be written at the end; no whole recording is replaced.
+    of motion at any rate of the arm, for 12 h at most. With a `path` it is written meanwhile, as
+    often as the arm's `stretch` says, to ``<name>.unfinished.stream``, which any command reads.
+    There it stays if the block is left by an exception or by Ctrl-C, if the program is killed, or
+    where `path` cannot be written at the end; no whole recording is replaced.
 
     Parameters
     ----------
@@ -140,7 +139,7 @@ class Recorder:
             }
             unfinished = free_name(Path(self.path).with_suffix(stream_file.SUFFIX), "unfinished")
             self._stream = stream_file.StreamWriter(unfinished, header)
-        self.arm.subscribe(self._from_arm, every=_PIECE)
+        self.arm.subscribe(self._from_arm, every=self.arm.stretch)
         if self.truth is not None:
             self.truth.subscribe(self._from_encoders)
         return self

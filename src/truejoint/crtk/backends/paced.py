@@ -14,7 +14,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
-from truejoint.crtk.protocol import ARRIVAL
+from truejoint.crtk.protocol import ARRIVAL, STRETCH
 from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots.blocks import SETPOINT_DT, StateBlock
@@ -48,6 +48,8 @@ class PacedBackend(SimulatedBackend):
     >>> arm.enable()
     >>> arm.close()
     """
+
+    stretch = STRETCH
 
     def __init__(self, twin: Twin, *, rate: float = 1.0 / SETPOINT_DT, homed: bool = False) -> None:
         super().__init__(twin, rate=rate)

@@ -14,7 +14,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED, beside_columns, profile_of
-from truejoint.crtk.protocol import ARRIVAL, SILENCE, Listener
+from truejoint.crtk.protocol import ARRIVAL, SILENCE, STRETCH, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import LEADS_TO, OperatingState, StateCommand
@@ -96,6 +96,8 @@ class RosBackend:
     ...     print("refused")
     refused
     """
+
+    stretch = STRETCH
 
     def __init__(
         self,

@@ -46,6 +46,8 @@ class SimulatedBackend:
     'raven2'
     """
 
+    stretch: float = 2.0  # a piece takes a few milliseconds, and can be taken back
+
     def __init__(self, twin: Twin, *, rate: float = 1.0 / SETPOINT_DT) -> None:
         if not hasattr(twin, "home"):  # as anything may have that stands for one
             raise RobotError(other_kind(twin, "Twin", "make_twin(robot) gives one"))
