@@ -213,7 +213,8 @@ class Recorder:
             if math.isnan(self._first) and chosen.any():
                 self._first = float(block.t[chosen][0])
             self._past_end += int((chosen & self._is_late(block.t)).sum())
-            self._keep(stream_file.STATE, Stream(block.t, block.columns()).rows(chosen))
+            kept = block.rows(chosen)
+            self._keep(stream_file.STATE, Stream(kept.t, kept.columns()))
         elif self.truth is None:
             self._from_encoders(block)
 

@@ -35,6 +35,8 @@ class Block:
 def _joined(parts: Sequence[Any]) -> Any:
     """Join arrays, mappings of them and blocks; names are those of the first."""
     first = parts[0]
+    if len(parts) == 1:
+        return first
     if isinstance(first, Block):
         return type(first).joined(parts)
     if isinstance(first, Mapping):
