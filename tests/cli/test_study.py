@@ -70,6 +70,15 @@ def test_all_studies_leave_one_page_though_one_is_refused(call):
     assert "truejoint study all --preset small" in page
 
 
+@pytest.mark.parametrize("how", ["--preset smal", "--seed -1", "-o file.txt"])
+def test_what_no_study_can_be_made_with_is_one_line(call, how):
+    Path("file.txt").touch()
+    result = call(f"study all {how}")
+    assert result.code == 2
+    assert len(result.err.splitlines()) == 1
+    assert not Path("studies").exists()
+
+
 def test_an_interrupt_says_how_to_go_on(call, monkeypatch):
     interrupted = Mock(side_effect=KeyboardInterrupt)
     monkeypatch.setattr("truejoint.studies.runner.run_study", interrupted)

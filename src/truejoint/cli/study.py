@@ -37,14 +37,15 @@ def study(
     studies, several = _named(name), name not in STUDIES
     if several and options:
         raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
+    settings = [study.settings(preset, seed, options) for study in studies]
+    check_folder(folder, error=StudyError)
     where = {"jobs": jobs or len(os.sched_getaffinity(0)), "cluster": cluster}
     from truejoint.studies import page
 
     made, failed = {}, []
-    for study in studies:
+    for study, its_settings in zip(studies, settings, strict=True):
         try:
-            settings = study.settings(preset, seed, options)
-            made[study.name] = _made(study, settings, folder, where, force=force)
+            made[study.name] = _made(study, its_settings, folder, where, force=force)
         except TruejointError as error:
             if not several:
                 raise
