@@ -14,8 +14,12 @@ from truejoint.tip import (
     zero_by_touch,
 )
 
-TAKEN = ("block", "1 % larger, unmeasured"), ("tracker", "1 % larger")
-"""No touch tells a block's size from the insertion's; what it may cost is told."""
+TAKEN = (
+    ("block", "1 % larger, unmeasured"), ("tracker", "1 % larger"),
+    ("tracker", "marker 3 mm off, wrist moves"), ("tracker", "marker 10 mm off, wrist moves"),
+)  # fmt: skip
+"""No touch tells a block's size from the insertion's; what it may cost is told. A marker's place is
+fitted."""
 SELDOM = [
     ("block", name)
     for name in (
@@ -35,6 +39,8 @@ def test_a_fault_is_named(fault):
         model, report = calibrate_by_touch(*given, touch_sd=NOISE[fault[0]])
         assert any(word in text for text in report.not_seen)
         assert session.tip_error(model, near=True) < 3.0 * report.tip.rms
+        marker = way(1, float(fault[1].split()[1])) if word == "off the tip" else np.zeros(3)
+        assert np.linalg.norm(model.metadata["touch"]["marker"] - marker) < 5e-4
         return
     with pytest.raises(CalibrationError, match=word) as told:
         calibrate_by_touch(*given, touch_sd=NOISE[fault[0]])

@@ -180,9 +180,9 @@ def tip_error(
     side = np.random.default_rng(seed).choice([-1.0, 1.0], (len(joint), len(terms.joints), 1))
     basis = terms.basis_at(joint[:, list(fit.rows.columns)], side)
     rows = replace(fit.rows, joint=joint, basis=basis, point=np.zeros((len(joint), 3)))
-    equations = rows.equations(fit.state)
+    equations = rows.equations(replace(fit.state, marker=np.zeros(3)))
     jacobian = equations.by_parameter.copy()
-    jacobian[:, :, fit.state.names.index(SCALE)] = 0.0
+    jacobian[:, :, [fit.state.names.index(name) for name in (*MARKER, SCALE)]] = 0.0
     share = shares(splits)
     squares = np.array(
         [
@@ -239,24 +239,26 @@ def check_faults(
 
     Where none of that is found, refuse them for other `trouble` if there is one.
     """
-
-    def judged(rows: TipRows, prior: TipPrior, gate: float) -> tuple[float, TipFit | None]:
-        try:
-            fit = fit_loosely(rows, prior, gate)
-        except CalibrationError:
-            return -math.inf, None
-        return split_residuals(fit, rows, place)[0].likelihood, fit
-
-    best = judged(rows, prior, GATE)[0]
+    best = _likelihood(rows, prior, place)[0]
     if not math.isfinite(best):  # far too many outliers
-        best = judged(rows, prior, math.inf)[0]
+        best = _likelihood(rows, prior, place, math.inf)[0]
     best += _PROOF
     for trial in trials:
-        likelihood, fit = judged(trial.rows, trial.prior, GATE)
+        likelihood, fit = _likelihood(trial.rows, trial.prior, place)
         if fit is not None and likelihood - trial.cost > best:
             best, trouble = likelihood - trial.cost, f"the points fit only {trial.words(fit)}"
     if trouble:
         raise CalibrationError(f"{source}: {trouble}")
+
+
+def _likelihood(
+    rows: TipRows, prior: TipPrior, place: Integers, gate: float = GATE
+) -> tuple[float, TipFit | None]:
+    try:
+        fit = fit_loosely(rows, prior, gate)
+    except CalibrationError:
+        return -math.inf, None
+    return split_residuals(fit, rows, place)[0].likelihood, fit
 
 
 def mirrored(rows: TipRows, block: Block, prior_of: Callable[[TipRows], TipPrior]) -> Trial:
@@ -308,17 +310,11 @@ def scaled(rows: TipRows, prior: TipPrior, advice: str) -> Trial:
     return _freed(rows, prior, (SCALE,), _SCALE_SD, lambda f: words(f.state.scale / stated, advice))
 
 
-def off_the_tip(rows: TipRows, prior: TipPrior) -> Trial:
-    """Try a marker, or whatever touches, that is not at the tip."""
-
-    def words(fit: TipFit) -> str:
-        place = ", ".join(f"{x:.1f}" for x in (1e3 * fit.state.marker).tolist())
-        return (
-            f"when they are of a place ({place}) mm off the tip in the tool's frame: put the "
-            "marker at the tip (pivot calibration), or state its place (extract --tracker)"
-        )
-
-    return _freed(rows, prior, MARKER, _MARKER_SD, words)
+def marker_sd(rows: TipRows, prior: TipPrior, place: Integers) -> float:
+    """How far off the tip a marker may be [m]: 0, unless the points are far likelier off it."""
+    free = _freed(rows, prior, MARKER, _MARKER_SD, str).prior
+    likelier = _likelihood(rows, free, place)[0] - _likelihood(rows, prior, place)[0]
+    return _MARKER_SD if likelier > _PROOF else 0.0
 
 
 def _freed(

@@ -3,7 +3,7 @@
 import csv
 import math
 import os
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -27,7 +27,7 @@ from truejoint.recordings import Recording
 from truejoint.tip import accuracy
 from truejoint.tip.accuracy import TipError, Trial
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
+from truejoint.tip.fit import MARKER, SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
 from truejoint.tip.terms import (
     LEFT,
     SPREAD,
@@ -594,11 +594,7 @@ class TouchReport:
             what, far = "print" if block.robot else "frame", with_unit(0.01 * size, "m")
             size_text = f"not seen, taken as stated; 1 % of it is {far} of the tip"
             words.append(f"size of the {what}: {size_text}")
-        held = np.delete(fit.rows.joint, fit.rows.columns, axis=1)
-        if not block.robot and (np.ptp(held, axis=0) < _STILL).all():
-            words.append(
-                "the marker: whether it sits at the tip is not seen, as roll and wrist stand still"
-            )
+        words += self._marker()
         noise = fit.rows.point_sd
         if not 1.0 / _ODD < noise / self.stated_noise < _ODD:
             residual, stated = (with_unit(sd, "m") for sd in (noise, self.stated_noise))
@@ -606,6 +602,17 @@ class TouchReport:
         if self.prior and not self.is_learned:
             words.append("the prior: the touches are likelier without it, so it was not used")
         return tuple(words)
+
+    def _marker(self) -> Iterator[str]:
+        fit = self.fit
+        at = [fit.state.names.index(name) for name in MARKER]
+        held = np.delete(fit.rows.joint, fit.rows.columns, axis=1)
+        if fit.prior.free[at].all():
+            place = ", ".join(f"{1e3 * x:.1f}" for x in fit.state.marker)
+            sd = with_unit(float(fit.sd[at].max()), "m")
+            yield f"the points: of ({place}) mm off the tip in the tool's frame, ± {sd}"
+        elif not self.block.robot and (np.ptp(held, axis=0) < _STILL).all():
+            yield "the marker: whether it sits at the tip is not seen: roll and wrist stand still"
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -619,8 +626,9 @@ class TouchReport:
             "tip_error_workspace": self.workspace.rms, "reach": self.reach,
             "noise": rows.point_sd, "noise_is_measured": self.is_measured,
             "zero_sd": self.zero_sd.tolist(), "joint_sd": rows.corrected_sd.tolist(),
-            "scale": state.scale, "rotation": state.rotation.tolist(),
-            "translation": state.translation.tolist(), "not_seen": list(self.not_seen),
+            "scale": state.scale, "marker": state.marker.tolist(),
+            "rotation": state.rotation.tolist(), "translation": state.translation.tolist(),
+            "not_seen": list(self.not_seen),
         }  # fmt: skip
 
 
@@ -701,9 +709,9 @@ def fit_terms(
     """Fit terms and a block's pose to touches, under the likeliest prior.
 
     `columns` are the terms', of the recording. The points themselves choose the prior, the errors
-    that joints keep and what a touch errs (empirical Bayes). Raises as `fit_rows` and `resting`,
-    and CalibrationError for a prior of another arm, and for points that fit only if mirrored,
-    scaled, moved, renumbered or not of the tip, which is named.
+    that joints keep, what a touch errs (empirical Bayes), and whether they are of another place
+    than the tip. Raises as `fit_rows` and `resting`, and CalibrationError for a prior of another
+    arm, and for points that fit only if mirrored, scaled, moved or renumbered, which is named.
     """
     robot = recording.robot
     rows = TipRows.of(
@@ -714,8 +722,9 @@ def fit_terms(
     place = accuracy.repeated(rows, at_rest(recording, touches, columns[1]))
     learned = learned_priors(terms, prior, recording) if prior else []
     expected = [*learned, *wide_priors(terms)]
-    candidates = [terms_prior(rows, block, *each) for each in expected]
     widest, is_learned, is_odd = len(learned), False, True
+    marker = accuracy.marker_sd(rows, terms_prior(rows, block, *expected[widest]), place)
+    candidates = [terms_prior(rows, block, *each, marker) for each in expected]
     try:
         fit = accuracy.fit_loosely(rows, candidates[widest])
         for _ in range(_SPLITS):
@@ -732,7 +741,7 @@ def fit_terms(
         is_odd = bool(trouble) or fit.rows.point_sd > _ODD * touch_sd
 
     def prior_of(each: TipRows) -> TipPrior:
-        return terms_prior(each, block, *likely)
+        return terms_prior(each, block, *likely, marker)
 
     known = prior_of(rows)
     what, advice = "the tracker", "check the tracker"
@@ -741,7 +750,7 @@ def fit_terms(
     at = np.arange(len(rows))
     cuts = at[accuracy.EDGE : len(rows) - accuracy.EDGE + 1]
     halves = [(f"after {touches.t[k]:.1f} s", at >= k) for k in cuts]
-    trials = [accuracy.off_the_tip(rows, known), *accuracy.moved(rows, known, what, halves)]
+    trials = [*accuracy.moved(rows, known, what, halves)]
     if is_learned:  # what is expected tells the size
         trials.append(accuracy.scaled(rows, known, advice))
     if is_odd:
@@ -773,15 +782,19 @@ def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
     )
 
 
-def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior:
+def terms_prior(
+    rows: TipRows, block: Block, mean: Array, sd: Array, marker: float = 0.0
+) -> TipPrior:
     """Prior of coefficients, `mean` and `sd` (k,), and of a block that may stand anywhere.
+
+    What is seen may be so far off the tip, `marker` [m].
 
     The fit starts where the tool, as it is measured, meets the points. Raises CalibrationError if
     they lie in a line.
     """
     tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
     start = TipState(mean, *align(tip, rows.point * block.scale), scale=block.scale)
-    return TipPrior.of(start, sd, scale=block.scale_sd)
+    return TipPrior.of(start, sd, scale=block.scale_sd, marker=marker)
 
 
 def _check_spread(
