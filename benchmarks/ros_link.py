@@ -1,12 +1,12 @@
 """What holds over a real ROS 1 link: corrected steps, moves, streams, pauses, a path followed.
 
     python -m benchmarks.ros_link [--parts added steps moves rest pauses path] [--minutes 10]
-        [--busy 1]
+        [--busy 1] [--ros 2]
 
 added   Joint states of the simulated RAVEN-II go to `truejoint node correct` at 1 kHz. Added is the
         time from the arrival of one at a subscriber to that of the corrected one at the same: what
         a client of the corrected topic waits longer. Core is the node's processor time over the
-        time that passed.
+        time that passed. This part alone goes over DDS as well (`--ros 2`).
 steps   A RAVEN-II's joint states, of a zig-zag at 10 deg/s and 7 mm/s, go to `truejoint node
         correct` and to the exported C++ node, with a linear model; 1 % are lost, and 20 % are 1-5
         periods late, so that others go before them. A step is between two messages as they
@@ -166,7 +166,7 @@ def paced(rate: float, count: int) -> Iterator[int]:
         yield k
 
 
-def added_part(ros: Transport, folder: Path, minutes: float) -> None:
+def added_part(ros: Transport, folder: Path, minutes: float, version: int) -> None:
     """Print how much later than the measured joints the corrected ones arrive."""
     recording, path = session("J2", 8.0, 1000.0), folder / "model.safetensors"
     truejoint.write_calibration(truejoint.calibrate(recording, "linear"), path)
@@ -180,7 +180,8 @@ def added_part(ros: Transport, folder: Path, minutes: float) -> None:
         )
         for topic, at in arrived.items()
     ]  # fmt: skip
-    with node("correct", str(path), "--profile", "raven2_mended") as process:
+    words = "correct", str(path), "--profile", "raven2_mended", "--ros", str(version)
+    with node(*words) as process:
         until(lambda: joints.readers >= 2)
         say_homed(ros, states)
         began, before = time.perf_counter(), spent(process.pid)
@@ -456,7 +457,9 @@ def path_part(ros: Transport) -> None:
 def main() -> None:
     """Run a master of our own, on this computer alone, and print the tables asked for."""
     parts = ("added", "steps", "moves", "rest", "pauses", "path")
-    chosen = parsed(__doc__, parts=parts, minutes=10.0, moves=70, streams=5, pauses=200, busy=0)
+    chosen = parsed(
+        __doc__, parts=parts, minutes=10.0, moves=70, streams=5, pauses=200, busy=0, ros=1
+    )
     with tempfile.TemporaryDirectory() as text:
         folder, port = Path(text), free_port()
         os.environ.update(environment(port, folder))
@@ -464,9 +467,9 @@ def main() -> None:
             on.enter_context(Master(port, folder))
             for _ in range(chosen.busy):
                 on.enter_context(program(sys.executable, "-c", "while True: pass"))
-            ros = open_transport(1, "benchmark")
+            ros = open_transport(chosen.ros, "benchmark")
             calls: dict[str, Callable[[], None]] = {
-                "added": lambda: added_part(ros, folder, chosen.minutes),
+                "added": lambda: added_part(ros, folder, chosen.minutes, chosen.ros),
                 "steps": lambda: steps_part(ros, folder, chosen.minutes),
                 "moves": lambda: moves_part(ros, chosen.moves),
                 "rest": lambda: rest_part(ros, chosen.streams),
