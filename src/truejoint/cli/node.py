@@ -84,6 +84,7 @@ def simulate(
     if quirks and made.robot.name != DEFAULT:
         raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
     profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""
+    say(f"{made.robot.title}: getting ready; the first time its kernels are compiled")
     backend = truejoint.crtk.PacedBackend(made, homed=homed)
     with (
         as_node("truejoint_simulate", link.ros) as transport,
