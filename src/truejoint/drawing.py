@@ -32,7 +32,6 @@ PALETTE: Final = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
 
 _STYLE: Final = Path(__file__).with_name("figures.mplstyle")
 _DPI: Final = 130
-_COLOURS: Final = 128
 _LEGEND: Final = 5
 """Names at most in a line of a legend."""
 _SHARES: Final = 201
@@ -193,7 +192,7 @@ def png(figure: Figure) -> bytes:
     picture = _axes(figure, "matplotlib.figure", "Figure")[0, 0].figure
     picture.savefig(data, format="png", dpi=_DPI)
     image = require("PIL.Image", "plots", "pictures").open(data).convert("RGB")
-    image.quantize(_COLOURS, dither=0).save(small, "png", optimize=True)  # a third of the size
+    image.quantize(128, dither=0).save(small, "png", optimize=True)  # a third of the size
     return small.getvalue()
 
 

@@ -34,6 +34,9 @@ class FakeArm:
     def unsubscribe(self, callback: Callable[..., None]) -> None:
         self.listeners.remove(callback)
 
+    def deliver(self, callback: Callable[..., None]) -> None:
+        """Keeps nothing."""
+
     def state(self, t: np.ndarray) -> None:
         """Report rows whose values tell quantity, channel and time."""
         arrays = {
@@ -229,6 +232,18 @@ def test_records_the_simulated_arm():
     assert recording.joints_of("truth") == arm.robot.positioning
     # Within the coarse bounds of an arm that is not calibrated.
     assert (np.abs(recording.with_truth(arm.robot.positioning).error(["shoulder"])) < 0.3).all()
+
+
+def test_a_recording_amid_a_motion_has_all_that_came():
+    arm = simulated_arm(seed=0)
+    arm.enable()
+    arm.home()
+    with Recorder(arm, np.inf) as recorder:
+        for _ in range(3):
+            arm.wait(0.1)
+            recording = recorder.recording()
+            newest = recording.provenance.start + recording.t[-1]
+            assert newest == pytest.approx(arm.time, abs=2e-3)
 
 
 def test_a_forceps_motion_is_recorded_calibrated_and_judged():

@@ -352,6 +352,12 @@ class Arm:
         """
         self._subscriptions.append(Subscription(callback, every))
 
+    def deliver(self, callback: Listener) -> None:
+        """Call `callback` with the blocks that are kept for it."""
+        for subscription in tuple(self._subscriptions):
+            if subscription.callback == callback:
+                subscription.flush()
+
     def unsubscribe(self, callback: Listener) -> None:
         """Stop calling `callback`; one that is not subscribed is left alone."""
         for subscription in [s for s in self._subscriptions if s.callback == callback][:1]:

@@ -169,6 +169,7 @@ class Recorder:
         stamps (`synchronise`). `source` is for the provenance; by default
         ``"recorded from <robot>"``. Raises RecordingError if there are fewer than 2 rows.
         """
+        self.arm.deliver(self._from_arm)
         origin = replace(
             self._provenance(),
             source=source or f"recorded from {self.arm.robot.title}",
@@ -209,11 +210,10 @@ class Recorder:
     def _from_arm(self, block: StateBlock | TruthBlock) -> None:
         """Take what the arm says; of joint encoders nothing where others are given."""
         if isinstance(block, StateBlock):
-            chosen = self._decimator.pick(block.t)
-            if math.isnan(self._first) and chosen.any():
-                self._first = float(block.t[chosen][0])
-            self._past_end += int((chosen & self._is_late(block.t)).sum())
-            kept = block.rows(chosen)
+            kept = block.rows(self._decimator.pick(block.t))
+            if math.isnan(self._first) and kept.t.size:
+                self._first = float(kept.t[0])
+            self._past_end += int(self._is_late(kept.t).sum())
             self._keep(stream_file.STATE, Stream(kept.t, kept.columns()))
         elif self.truth is None:
             self._from_encoders(block)

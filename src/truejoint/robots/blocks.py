@@ -35,13 +35,11 @@ class Block:
 def _joined(parts: Sequence[Any]) -> Any:
     """Join arrays, mappings of them and blocks; names are those of the first."""
     first = parts[0]
-    if len(parts) == 1:
-        return first
     if isinstance(first, Block):
         return type(first).joined(parts)
     if isinstance(first, Mapping):
         return {key: np.concatenate([part[key] for part in parts]) for key in first}
-    return first if isinstance(first, tuple) else np.concatenate(parts)
+    return first if len(parts) == 1 or isinstance(first, tuple) else np.concatenate(parts)
 
 
 @dataclass(frozen=True, eq=False)
