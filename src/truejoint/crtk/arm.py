@@ -354,9 +354,8 @@ class Arm:
 
     def deliver(self, callback: Listener) -> None:
         """Call `callback` with the blocks that are kept for it."""
-        for subscription in tuple(self._subscriptions):
-            if subscription.callback == callback:
-                subscription.flush()
+        for subscription in [s for s in self._subscriptions if s.callback == callback]:
+            subscription.flush()
 
     def unsubscribe(self, callback: Listener) -> None:
         """Stop calling `callback`; one that is not subscribed is left alone."""

@@ -102,25 +102,28 @@ class Subscription:
     every: float
     _states: list[StateBlock] = field(default_factory=list)
     _truths: list[TruthBlock] = field(default_factory=list)
+    _lock: threading.RLock = field(default_factory=threading.RLock)  # blocks stay in order
 
     def __call__(self, block: StateBlock | TruthBlock) -> None:
         """Deliver a block, or keep it until there is enough."""
         if self.every <= 0.0:
             self.callback(block)
             return
-        if isinstance(block, TruthBlock):
-            self._truths.append(block)
-            return
-        # A truth that came with an earlier state is delivered with it.
-        if self._states and block.t.size and block.t[-1] - self._states[0].t[0] > self.every:
-            self.flush()
-        self._states.append(block)
+        with self._lock:
+            if isinstance(block, TruthBlock):
+                self._truths.append(block)
+                return
+            # A truth that came with an earlier state is delivered with it.
+            if self._states and block.t.size and block.t[-1] - self._states[0].t[0] > self.every:
+                self.flush()
+            self._states.append(block)
 
     def flush(self) -> None:
         """Deliver what is kept."""
-        states, self._states = self._states, []
-        truths, self._truths = self._truths, []
-        if states:
-            self.callback(StateBlock.joined(states))
-        if truths:
-            self.callback(TruthBlock.joined(truths))
+        with self._lock:
+            states, self._states = self._states, []
+            truths, self._truths = self._truths, []
+            if states:
+                self.callback(StateBlock.joined(states))
+            if truths:
+                self.callback(TruthBlock.joined(truths))

@@ -12,8 +12,7 @@ from truejoint.robots.blocks import TruthBlock as TruthBlock  # noqa: PLC0414
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""
 
-STRETCH: Final = 0.5
-"""Piece of a motion that a robot in real time is sent at once [s]."""
+STRETCH: Final = 0.5  # [s], piece of a motion that a robot in real time is sent at once
 ARRIVAL: Final = 2.0
 """Time that joints may take to come to the last set-point [s]."""
 SILENCE: Final = 1.0
