@@ -47,7 +47,7 @@ class TimedBackend(PacedBackend):
         passes = np.arange(max(first, self.passes - _KEPT + 1), self.passes)
         return LoopTiming.of(self._starts[passes % _KEPT], self.period)
 
-    def _pass(self) -> None:
+    def _pass(self, most: int) -> int:
         self._starts[self.passes % _KEPT] = time.perf_counter()
         self.passes += 1
-        super()._pass()
+        return super()._pass(most)
