@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ class Case:
         return replace(self, recordings=new)
 
 
-def _outliers(case: Case, rows: Callable[[int], Array]) -> Case:
+def _outliers(case: Case, rows: Callable[[int], Any]) -> Case:
     spread = left_out_zeros(case.recordings, explain(case.recordings, case.joint))[2]
     size = spread * (12.0 if case.slow else 10.0)
 

@@ -46,12 +46,12 @@ def main() -> None:
     for name, own in learning.items():
         others = [model for other, model in models.items() if other != name]
         places = [len(own) * quarter // 4 for quarter in range(4)]
-        cells = []
+        cells = list[float]()
         for few in ([own[place : place + 1] for place in places], [own[:3], own[-3:]]):
             alone = [calibrate(some, options.estimator, **how) for some in few]
             like = [calibrate_like(some, others, options.estimator, **how) for some in few]
             for fits in (alone, like):
-                cells.append(np.mean([error(fit, judging[name]) for fit in fits]))
+                cells.append(float(np.mean([error(fit, judging[name]) for fit in fits])))
         cells.append(error(models[name], judging[name]))
         print(f"| `{name}` | {' | '.join(f'{cell:.2f}' for cell in cells)} |", flush=True)
 

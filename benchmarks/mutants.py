@@ -26,6 +26,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,7 +102,7 @@ class Mutant:
         return self.file, self.line, self.before, self.after
 
 
-def changes(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+def changes(tree: ast.AST) -> Iterator[tuple[Any, ast.AST]]:
     """Every node that can be changed, with what it is changed to."""
     if isinstance(tree, ast.Raise | ast.Import | ast.ImportFrom | ast.JoinedStr):
         return

@@ -79,6 +79,7 @@ class Source:
     """An arm that only tells: RAVEN-II's blocks by the wall clock."""
 
     homing_id = "1"
+    stretch = 0.5
 
     def __init__(self) -> None:
         self.robot = get_robot("raven2", "left")
@@ -92,15 +93,20 @@ class Source:
         """Tell nobody."""
         self.tell = None
 
+    def deliver(self, callback: Any) -> None:  # noqa: ARG002  # an Arm's
+        """Tell what is kept."""
+        if self.tell:
+            self.tell.flush()
+
     def go_on(self, start: float) -> None:
         """Tell a piece after the other, stamped by the wall clock from `start` on, for ever."""
         names, told = self.robot.channels, 0
-        waves = np.random.default_rng(0).normal(size=(10, len(names)))
+        waves: Any = np.random.default_rng(0).normal(size=(10, len(names)))
         while True:
             now = time.monotonic() - start
             if now < (told + 10) * 1e-3:
                 time.sleep((told + 10) * 1e-3 - now)
-            t = 1e-3 * np.arange(told, told + 10)
+            t: Any = 1e-3 * np.arange(told, told + 10)
             self.tell(StateBlock(t, names, **dict.fromkeys(QUANTITIES, waves + t[:, None])))
             self.tell(TruthBlock(t[:1], self.robot.positioning, waves[:1, :3]))
             told += 10
@@ -141,7 +147,7 @@ def kill_one(folder: Path, number: int, delay: float) -> float:
 def kills(number: int, at_once: int, seed: int, folder: Path) -> None:
     """Kill programs that record, and print what is lost."""
     multiprocessing.get_context("forkserver").set_forkserver_preload(["truejoint.recordings"])
-    delays = np.random.default_rng(seed).uniform(EARLIEST, LATEST, number)
+    delays = np.random.default_rng(seed).uniform(EARLIEST, LATEST, number).tolist()
     with ThreadPoolExecutor(at_once) as pool:
         lost = np.array(list(pool.map(lambda k: kill_one(folder, k, delays[k]), range(number))))
     head("killed", "opened", "lost, median [s]", "longest [s]", "allowed [s]", "misses")

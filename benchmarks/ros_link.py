@@ -80,7 +80,7 @@ def session(order: str, faster: float, rate: float) -> truejoint.Recording:
 def both_ways(recording: truejoint.Recording) -> tuple[Array, Array]:
     """Positions and efforts (n, 7) of a recording and back again, as joint states have them."""
     rows, efforts = (recording.columns(q, ROBOT.joint_names) for q in ("measured", "effort"))
-    efforts = ROBOT.transmission.joint_effort(efforts)  # type: ignore[union-attr]  # RAVEN's
+    efforts = ROBOT.transmission.joint_effort(efforts)
     return np.r_[rows, rows[::-1]], np.r_[efforts, efforts[::-1]]
 
 

@@ -223,7 +223,7 @@ def unfitted(name: str) -> JointRegressor:
 def some_interval(n_joints: int) -> Interval:
     """Make an interval of no meaning: computing with it takes as long as with any other."""
     widths = np.full((1, n_joints), 0.01)
-    return Interval(np.array([0.9]), widths, widths, 2.0, 0.0, 9, 9)
+    return Interval(np.array([0.9]), widths, 2.0, 0.0, 9, 9)
 
 
 def build(calibration: Calibration, recording: Recording, folder: Path) -> Path:
@@ -316,7 +316,7 @@ def sklearn_network(model: Calibration) -> Callable[[Array], Array]:
     with warnings.catch_warnings(category=ConvergenceWarning, action="ignore"):
         pipeline = make_pipeline(StandardScaler(), network)
         pipeline.fit(rng.normal(size=(20, first)), rng.normal(size=(20, 3)))
-    return pipeline.predict  # type: ignore[no-any-return]
+    return pipeline.predict
 
 
 def time_first_sample(model: Calibration, samples: Samples, folder: Path) -> None:

@@ -142,7 +142,7 @@ def search_summary(results: Results) -> Summary:
     rows, there = results.rows.assign(deg=np.degrees(results.rows.rms)), printed()
     means = rows.groupby(["part", *_CELLS], sort=False).deg.mean().unstack("part")
     factors = np.exp(np.abs(np.log(means.div(there, axis=0))))
-    worst = factors.groupby(level="phase").max().T[list(JUDGED)]
+    worst = DataFrame(factors).groupby(level="phase").max().T[list(JUDGED)]
     best = str(worst.max(axis=1).idxmin())
     first = rows.drop_duplicates("part").set_index("part")
     turns = np.degrees(rows.assign(turn=rows.turn.abs()).groupby("part").turn.max())

@@ -47,8 +47,9 @@ PARTS = {"turn of the base": slice(0, 3), "shift of the base": slice(3, 6), "mar
 def bare(recording: Recording) -> Recording:
     """Leave the truth of a recording out."""
     names = [name for name in recording.units if not name.startswith("truth")]
+    columns = {"t": recording.t} | {name: recording.column(name) for name in names}
     units = {name: recording.units[name] for name in names}
-    return Recording.from_columns(recording.table[["t", *names]], recording.provenance, units)
+    return Recording.from_columns(columns, recording.provenance, units)
 
 
 class Session:
