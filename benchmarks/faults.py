@@ -175,7 +175,7 @@ def outcome(case: Case, rows: Row, model: Calibration) -> Outcome:
 
 def cases(model: Calibration, samples: Samples) -> list[Case]:
     """Give every joint in turn."""
-    assert model.interval is not None
+    assert model.interval is not None  # noqa: S101
     widths = model.interval.half_width(0.9)
     t = np.array(samples.t)
     return [

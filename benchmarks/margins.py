@@ -74,7 +74,7 @@ def trained(arm: Arm) -> Calibration:
 
 def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array, str]:
     """Errors of the joints along a motion (n, n_joints) [rad or m], and what ended it early."""
-    assert path.times is not None
+    assert path.times is not None  # noqa: S101
     times = np.arange(0.0, path.times[-1], 1.0 / arm.rate)
     wanted = np.column_stack([np.interp(times, path.times, joint) for joint in path.positions.T])
     full = np.tile(arm.setpoint_js(np.inf).position, (len(wanted), 1))

@@ -1,8 +1,8 @@
 """How far off a tip is that was fitted to points, and what may be wrong with the points.
 
 Residuals are split into what points err and what joints keep. Mirrored, scaled, wrongly numbered or
-moved points, or points that are not of the tip, are each tried by a fit of their own, and named
-where the points are far likelier so.
+moved points are each tried by a fit of their own, and named where the points are far likelier so;
+so is a marker that is off the tip, whose place is then fitted.
 """
 
 import math

@@ -787,10 +787,8 @@ def terms_prior(
 ) -> TipPrior:
     """Prior of coefficients, `mean` and `sd` (k,), and of a block that may stand anywhere.
 
-    What is seen may be so far off the tip, `marker` [m].
-
-    The fit starts where the tool, as it is measured, meets the points. Raises CalibrationError if
-    they lie in a line.
+    What is seen may be so far off the tip, `marker` [m]. The fit starts where the tool, as it is
+    measured, meets the points. Raises CalibrationError if they lie in a line.
     """
     tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
     start = TipState(mean, *align(tip, rows.point * block.scale), scale=block.scale)
