@@ -62,17 +62,7 @@ def _rows(package: str) -> dict[str, dict[str, Any]]:
 
 
 class Layout:
-    """Fields in the order of their declaration.
-
-    Examples
-    --------
-    >>> layout = Layout()
-    >>> COUNT = layout.add("count", "integer", "rows seen")
-    >>> MEAN = layout.add("mean", "array", "of the rows")
-    >>> packed = layout.pack(mean=[0.5, 1.5])
-    >>> packed.view("mean")
-    array([0.5, 1.5])
-    """
+    """Fields in the order of their declaration."""
 
     def __init__(self) -> None:
         self.fields: dict[str, Field] = {}

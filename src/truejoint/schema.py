@@ -32,11 +32,6 @@ class Bounds:
     """Range of a number, or of each number of a list; NaN and infinity are in none.
 
     `above` says that the number must be larger than `low`.
-
-    Examples
-    --------
-    >>> Bounds(0.0, above=True).rule
-    'above 0'
     """
 
     low: float = -_NUMBER
@@ -152,11 +147,6 @@ def plain(value: Any) -> Any:
     """Plain values for JSON or TOML, of which `read` makes the value again.
 
     Fields that are None, NaN or infinite are left out.
-
-    Examples
-    --------
-    >>> plain({"points": np.zeros((2, 1)), "names": ("a", "b")})
-    {'points': [[0.0], [0.0]], 'names': ['a', 'b']}
     """
     if is_dataclass(value) or hasattr(value, "_fields"):
         written = {}

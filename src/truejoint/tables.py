@@ -73,13 +73,7 @@ def spread_text(value: float, decimals: int) -> str:
 
 
 def median_text(values: Array, decimals: int = 2) -> str:
-    """Median of values (n,) and, in brackets, the largest; a dash where there is none.
-
-    Examples
-    --------
-    >>> median_text([1.0, 2.0, 4.0], 1)
-    '2.0 (4.0)'
-    """
+    """Median of values (n,) and, in brackets, the largest; a dash where there is none."""
     if not len(values):
         return DASH
     middle, largest = (fixed(float(f(values)), decimals) for f in (np.median, np.max))
@@ -90,11 +84,6 @@ def csv_text(frame: "DataFrame") -> str:
     r"""CSV of a table in which no text is a formula to a spreadsheet.
 
     A text that begins like one gets an apostrophe before it; all are `printable`.
-
-    Examples
-    --------
-    >>> csv_text(pd.DataFrame({"recording": ["=1+2"], "jaw": [-0.5]}))
-    "recording,jaw\\n'=1+2,-0.5\\n"
     """
 
     def quoted(cell: Any) -> Any:

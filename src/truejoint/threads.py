@@ -17,12 +17,6 @@ def short_turns() -> Iterator[None]:
     """Context in which a thread waits 0.1 ms for its turn, and no search for garbage takes long.
 
     Objects that exist at its beginning are not searched: of all modules that takes 0.1 to 0.2 s.
-
-    Examples
-    --------
-    >>> with short_turns():
-    ...     sys.getswitchinterval() < 1e-3
-    True
     """
     interval, is_frozen = sys.getswitchinterval(), gc.get_freeze_count() > 0
     sys.setswitchinterval(min(interval, _TURN))
@@ -40,12 +34,6 @@ def one_thread() -> AbstractContextManager[Any]:
     """Context in which libraries such as BLAS and OpenMP use a single thread.
 
     Problems of a few thousand rows are too small to be shared.
-
-    Examples
-    --------
-    >>> with one_thread():
-    ...     float(np.linalg.det(np.eye(2)))
-    1.0
     """
     context: AbstractContextManager[Any] = _libraries(len(sys.modules)).limit(limits=1)
     return context

@@ -310,13 +310,7 @@ def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
 def split_sides(
     recordings: Sequence[Recording], dataset: Dataset, split: HeldOut
 ) -> tuple[list[Recording], list[Recording]]:
-    """Training and held-out side of all recordings of a data set's split, in its order.
-
-    Examples
-    --------
-    >>> kuka = DATASETS["kuka_kr300_dual_encoder"]
-    >>> training, testing = split_sides(recordings, kuka, kuka.split())  # doctest: +SKIP
-    """
+    """Training and held-out side of all recordings of a data set's split, in its order."""
     if split.test:
         out = [split.holds_out(name) for name in dataset.match(split.files)]
         pairs = list(zip(recordings, out, strict=True))

@@ -67,12 +67,6 @@ def cycle_rows(directions: Sequence[Array]) -> float:
     A shorter stretch sees a part of a hysteresis loop, which says nothing of the whole. A recording
     in which nothing turns is one stretch. `directions` (n, n_joints) of motion in each recording
     are 1, -1, or 0 while a joint stands.
-
-    Examples
-    --------
-    >>> up = np.ones((30, 1))
-    >>> cycle_rows([np.concatenate([up, -up, up, -up])])
-    60.0
     """
     longest = 1.0
     for rows in directions:

@@ -78,12 +78,6 @@ class CableMechanism:
 
     Raises RobotError if a cable ends nowhere, a name is not one of the joints or motors, or the
     coupling cannot be inverted.
-
-    Examples
-    --------
-    >>> mechanism = truejoint.get_robot("wrist").mechanism
-    >>> mechanism.joint_names, len(mechanism.cables)
-    (('pitch', 'jaw1', 'jaw2'), 6)
     """
 
     pins: Annotated[Mapping[str, Pin], Ordered()]  # by joint, in the order of every joint vector
@@ -182,13 +176,7 @@ class CableMechanism:
 
 
 class Forceps(NamedTuple):
-    """Transmission from motor to jaw; symbols and defaults of yan2020, Table 1.
-
-    Examples
-    --------
-    >>> Forceps.of(truejoint.get_robot("forceps").mechanism).gear_ratio
-    35.0
-    """
+    """Transmission from motor to jaw; symbols and defaults of yan2020, Table 1."""
 
     gear_ratio: Annotated[float, Bounds(1.0, 1000.0)] = 35.0
     """Motor turns per turn of the winding wheel, ``z_i``."""

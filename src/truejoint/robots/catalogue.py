@@ -1,7 +1,6 @@
 """Every robot by name: truejoint's own, those of other packages, those of files."""
 
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RobotError, meant, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
-from truejoint.toml_file import read_toml
+from truejoint.toml_file import read_toml, shipped_table
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
@@ -144,8 +143,8 @@ def _arms(name: str) -> Mapping[str, str]:
     """Arm of a robot of which a part is computed, by every name it goes by."""
     if _CODED[name]:
         return _CODED[name]
-    text = files(__package__).joinpath(name, INSTRUMENTS).read_text(encoding="utf-8")
-    arms = [str(arm) for row in tomllib.loads(text).values() for arm in row["names"]]
+    rows = shipped_table(__package__, f"{name}/{INSTRUMENTS}").values()
+    arms = [str(arm) for row in rows for arm in row["names"]]
     return {"": arms[0], **{arm: arm for arm in arms}}
 
 

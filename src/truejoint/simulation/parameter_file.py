@@ -2,11 +2,9 @@
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
@@ -14,7 +12,7 @@ import numpy as np
 
 from truejoint import schema
 from truejoint.errors import TruejointError, other_kind, unknown
-from truejoint.toml_file import read_toml
+from truejoint.toml_file import read_toml, shipped_table
 
 Sections = Mapping[str, Mapping[str, Any]]
 MAX_POPULATION: Final = 100_000
@@ -44,15 +42,10 @@ class Spread(NamedTuple):
         return float(rng.uniform(self.low, self.high))
 
 
-def shipped_sections(name: str) -> Sections:
-    """Sections of the TOML file `name` that comes with the package."""
-    return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
-
-
 @cache
 def shipped_spreads(name: str) -> dict[str, Spread]:
     """Ranges of the TOML file `name` that comes with the package, in the order of the draws."""
-    return {key: Spread(**values) for key, values in shipped_sections(name).items()}
+    return {key: Spread(**values) for key, values in shipped_table(__package__, name).items()}
 
 
 @dataclass(frozen=True)
@@ -88,7 +81,7 @@ class Parameters:
 
     @classmethod
     def _shipped(cls, name: str) -> Sections:
-        return shipped_sections(f"{cls.FOLDER}/{name.lower()}.toml")
+        return shipped_table(__package__, f"{cls.FOLDER}/{name.lower()}.toml")
 
     @classmethod
     def from_dict(cls, values: Sections) -> Self:

@@ -42,14 +42,6 @@ class Pooled(JointRegressor):
     over the feature of each output in `positions` is normal about that mean's, with the standard
     error that the mean of the experts' slopes has; the offset is free. Errors of rows within half a
     second count as one. At most nine experts.
-
-    Examples
-    --------
-    >>> X = np.linspace(-1.0, 1.0, 200)[:, None]
-    >>> models = [get_estimator("linear").fit(X, slope * X) for slope in (0.9, 1.1)]
-    >>> experts = [Expert(model.data, (0,), np.zeros((1, 1))) for model in models]
-    >>> Pooled(experts, positions=(0,)).fit(X, X[:, 0] + 3.0).predict([[0.5]]).round(2)
-    array([3.5])
     """
 
     fitted_params: ClassVar[Params] = {"members": (), "columns": ()}

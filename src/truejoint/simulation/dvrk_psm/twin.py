@@ -86,12 +86,6 @@ class DvrkPsmTwin(ArmTwin):
 
     Raises TruejointError if the seed or the load is out of range, or the parameters cannot be
     simulated at 1 kHz, and RobotError if the arm is unknown.
-
-    Examples
-    --------
-    >>> twin = DvrkPsmTwin(seed=1)
-    >>> twin.home().joint.shape
-    (3500, 6)
     """
 
     ROBOT: ClassVar[str] = "dvrk_psm"

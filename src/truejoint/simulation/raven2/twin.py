@@ -31,12 +31,6 @@ class Raven2Twin(ArmTwin):
 
     Raises TruejointError if the seed or the load is out of range, or the parameters cannot be
     simulated at 1 kHz, and RobotError if the arm is unknown.
-
-    Examples
-    --------
-    >>> twin = Raven2Twin(seed=1)
-    >>> twin.home().t.shape
-    (12756,)
     """
 
     ROBOT: ClassVar[str] = "raven2"

@@ -20,11 +20,6 @@ def population(count: int, seed: int = 0, family: str = MIXED) -> list[WristPara
     tool of MRDLab/mis-tool-characterization.
 
     Raises TruejointError if the count is not 1 to 100000, or there is no such family.
-
-    Examples
-    --------
-    >>> len(population(2, seed=1, family="endowrist"))
-    2
     """
     streams = random_streams(count, seed)
     if family not in (*FAMILIES, MIXED):

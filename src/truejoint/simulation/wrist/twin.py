@@ -36,12 +36,6 @@ class WristTwin(Twin):
 
     Raises TruejointError if the seed or the load is out of range, RobotError if the robot states no
     cables, or a load has no arm to pull at.
-
-    Examples
-    --------
-    >>> twin = WristTwin(seed=1)
-    >>> twin.home().measured.shape[1]
-    3
     """
 
     ROBOT: ClassVar[str] = "wrist"
