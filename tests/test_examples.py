@@ -35,7 +35,6 @@ PACKAGES = (
     "truejoint.simulation",
     "truejoint.studies",
     "truejoint.tip",
-    "truejoint.units",
 )
 
 

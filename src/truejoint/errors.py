@@ -5,6 +5,12 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Final
 
+__all__ = [
+    "CalibrationError", "CommandRefused", "ExportError", "ModelFileError", "MotionStopped",
+    "NotArrived", "RecordingError", "RobotError", "RosError", "StudyError", "TrajectoryError",
+    "TruejointError",
+]  # fmt: skip
+
 # Control characters but tab and line end, marks that turn the direction of text, half characters.
 _UNSAFE: Final = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
@@ -12,27 +18,13 @@ _UNSAFE: Final = re.compile(
 
 
 def unknown(kind: str, name: str, choices: Iterable[str]) -> str:
-    """Say that no `kind` is called `name`, which one may be meant, and which there are.
-
-    Examples
-    --------
-    >>> unknown("estimator", "lin", ["offset", "linear"])
-    "no estimator called 'lin'; did you mean 'linear'? known: offset, linear"
-    """
+    """Say that no `kind` is called `name`, which one may be meant, and which there are."""
     names = list(choices)
     return f"no {kind} called {name!r:.60};{meant(name, names)} known: {', '.join(names) or 'none'}"
 
 
 def meant(name: str, choices: Iterable[str]) -> str:
-    """Ask whether the known name nearest to `name` is meant, after a blank; empty if none is.
-
-    Examples
-    --------
-    >>> meant("elbo", ["shoulder", "elbow"])
-    " did you mean 'elbow'?"
-    >>> meant("420171", ["420179", "420172"])  # of numbers that are as long, the nearest
-    " did you mean '420172'?"
-    """
+    """Ask whether the known name nearest to `name` is meant, after a blank; empty if none is."""
     asked, names = str(name), list(choices)
     near = get_close_matches(asked, names, max(1, len(names)))
     if asked.isdecimal():
@@ -45,11 +37,6 @@ def printable(text: str) -> str:
     r"""Text of anyone's as a person may see it: what could steer a terminal becomes an escape.
 
     So does a byte of a file's name that is no UTF-8. Terminal and pages pass all text through here.
-
-    Examples
-    --------
-    >>> printable("run\x1b[31m\udcff.csv")
-    'run\\x1b[31m\\xff.csv'
     """
     return _UNSAFE.sub(_escape, text)
 
@@ -61,35 +48,17 @@ def _escape(match: re.Match[str]) -> str:
 
 
 def shown_text(value: object) -> object:
-    r"""Give what a template shows of a value: `printable` text, unless it is markup already.
-
-    Examples
-    --------
-    >>> shown_text("run\x1b[31m.csv"), shown_text(1.5)
-    ('run\\x1b[31m.csv', 1.5)
-    """
+    """Give what a template shows of a value: `printable` text, unless it is markup already."""
     return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 
 def words(error: BaseException, most: int = 100) -> str:
-    r"""Give what an exception says in one line, at most so many characters; its kind if nothing.
-
-    Examples
-    --------
-    >>> words(OSError("cut\nshort")), words(AssertionError())
-    ('cut short', 'AssertionError')
-    """
+    """Give what an exception says in one line, at most so many characters; its kind if nothing."""
     return (" ".join(str(error).split()) or type(error).__name__)[:most]
 
 
 def other_kind(value: object, wanted: str, advice: str) -> str:
-    """Say in one line that a value is not what is wanted, and what to do.
-
-    Examples
-    --------
-    >>> other_kind("raven2", "Robot", "get_robot(name) gives one")
-    "'raven2' is a str, not a Robot; get_robot(name) gives one"
-    """
+    """Say in one line that a value is not what is wanted, and what to do."""
     what = repr(value) if isinstance(value, str) else "this"
     kind, other = (
         f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"

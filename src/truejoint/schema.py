@@ -121,20 +121,6 @@ def read(
     Raises `error` if a key is unknown or missing, or a value breaks its rule: the message begins
     with `source` and has the path to the value, the value and the rule. What the constructor raises
     is raised alike.
-
-    Examples
-    --------
-    >>> from dataclasses import dataclass
-    >>> from truejoint import schema
-    >>> @dataclass(frozen=True)
-    ... class Pulley:
-    ...     radius: schema.Positive
-    ...     wrap: float = 0.0
-    >>> schema.read(Pulley, {"radius": 4e-3}, "robot.toml")
-    Pulley(radius=0.004, wrap=0.0)
-    >>> schema.read(Pulley, {"radius": "4 mm"}, "robot.toml")
-    Traceback (most recent call last):
-    truejoint.errors.TruejointError: robot.toml: radius is '4 mm'; want a number above 0
     """
     try:
         return cast("_Value", _reader(kind)(values))

@@ -30,13 +30,7 @@ SI_UNITS: Final[Mapping[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """How an SI unit is shown: multiply an SI value by `scale` to get it in `name`.
-
-    Examples
-    --------
-    >>> DisplayUnit("mm", 1e3).name
-    'mm'
-    """
+    """How an SI unit is shown: multiply an SI value by `scale` to get it in `name`."""
 
     name: str
     scale: float
@@ -54,34 +48,17 @@ def display_unit(unit: str) -> DisplayUnit:
     """Find the unit in which a quantity in `unit` (SI, such as ``"rad/s"``) is shown to a person.
 
     These are degrees for radians and millimetres for metres; any other unit is shown as it is.
-
-    Examples
-    --------
-    >>> display_unit("m")
-    DisplayUnit(name='mm', scale=1000.0)
     """
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
 
 
 def plural(count: int, word: str) -> str:
-    """Write a number and its noun.
-
-    Examples
-    --------
-    >>> plural(1, "recording"), plural(2, "recording")
-    ('1 recording', '2 recordings')
-    """
+    """Write a number and its noun."""
     return f"{count} {word}{'s' if count != 1 else ''}"
 
 
 def with_unit(value: float, unit: str) -> str:
-    """Write an SI value for a person: three decimals in the unit of `display_unit`, "-" for NaN.
-
-    Examples
-    --------
-    >>> with_unit(0.002, "m"), with_unit(0.01, "rad")
-    ('2.000 mm', '0.573 deg')
-    """
+    """Write an SI value for a person: three decimals in the unit of `display_unit`, "-" for NaN."""
     if math.isnan(value):
         return "-"
     display = display_unit(unit)
@@ -89,24 +66,12 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def shown(value: float, unit: str) -> str:
-    """Quantity in `unit` (SI) as a person reads it.
-
-    Examples
-    --------
-    >>> shown(0.0125, "m")
-    '12.5 mm'
-    """
+    """Quantity in `unit` (SI) as a person reads it."""
     display = display_unit(unit)
     return f"{value * display.scale:.4g} {display.name}"
 
 
 def shown_range(low: float, high: float, unit: str) -> str:
-    """Range in `unit` (SI) as a person reads it.
-
-    Examples
-    --------
-    >>> shown_range(0.0, 0.0125, "m")
-    '[0, 12.5] mm'
-    """
+    """Range in `unit` (SI) as a person reads it."""
     display = display_unit(unit)
     return f"[{low * display.scale:.4g}, {high * display.scale:.4g}] {display.name}"

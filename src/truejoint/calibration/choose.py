@@ -461,11 +461,7 @@ def stacking_weights(products: Array, belief: Array | None = None) -> Array:
 
 
 def at_most(count: int, weights: Array) -> Array:
-    """Weights (m, n_joints) of so many members: those that a joint needs most share the others'.
-
-    >>> at_most(2, np.array([[0.5, 0.0], [0.4, 0.9], [0.1, 0.1]])).round(2).tolist()
-    [[0.56, 0.0], [0.44, 1.0], [0.0, 0.0]]
-    """
+    """Weights (m, n_joints) of so many members: those that a joint needs most share the others'."""
     need = weights.max(axis=1)
     if np.count_nonzero(need) <= count:
         return weights

@@ -217,6 +217,7 @@ class Page:
                         shape: self._add_plot(plot, 1.0 + k)
                         for k, (shape, plot) in enumerate(zip(shapes, plots, strict=True))
                     }
+                return
             for handle, plot in zip(self._plots.values(), plots, strict=True):
                 handle.data = _data(plot)
 

@@ -37,9 +37,6 @@ def below(lower: ArrayLike, higher: ArrayLike, among: int = 1) -> bool | None:
 
     That they are not is told at the level shared `among` so many comparisons (Bonferroni), as one
     that is told so refutes a claim on all.
-
-    >>> below([1.0, 1.1, 0.9], [2.0, 2.2, 2.1]), below([1.0, 3.0], [2.0, 2.2]), below([2.0], 1.0)
-    (True, None, None)
     """
     difference = np.subtract(higher, lower, dtype=float)
     if difference.size < 2:
@@ -53,30 +50,18 @@ def below(lower: ArrayLike, higher: ArrayLike, among: int = 1) -> bool | None:
 
 
 def below_all(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> Holds:
-    """Whether the first of every pair is `below` the second.
-
-    >>> below_all([([1.0, 1.1, 0.9], 2.0), ([1.0, 1.1, 0.9], 0.5)])
-    False
-    """
+    """Whether the first of every pair is `below` the second."""
     return whole(*(below(low, high, len(pairs)) for low, high in pairs))
 
 
 def whole(*verdicts: Holds) -> Holds:
-    """Verdict on all of several: False if one is, else None, else "more" if one is, else True.
-
-    >>> whole(True, None, False), whole(True, None), whole(True, True)
-    (False, None, True)
-    """
+    """Verdict on all of several: False if one is, else None, else "more" if one is, else True."""
     order: tuple[Holds, ...] = (False, None, "more")
     return next((one for one in order if one in verdicts), True)
 
 
 def about(values: ArrayLike, least: float, most: float) -> Holds:
-    """Whether values (k,) lie between two limits: ``"more"`` where they are told to be above both.
-
-    >>> about([0.5, 0.51, 0.52], 0.4, 0.6), about([0.7, 0.71, 0.72], 0.4, 0.6)
-    (True, 'more')
-    """
+    """Whether values (k,) are between two limits; ``"more"`` where they are told to be above."""
     above, beneath = below(least, values), below(values, most)
     return "more" if above and beneath is False else whole(above, beneath)
 
@@ -86,9 +71,6 @@ def matches(pairs: Sequence[tuple[str, ArrayLike, float]]) -> Verdict:
 
     ``"more"`` where none is larger and one is told to be smaller than that. The text gives the
     pair that is farthest off, and how many are within the factor in the mean.
-
-    >>> matches([("RMS", [0.10, 0.11, 0.12], 0.12)])
-    (True, 'RMS: 0.110, printed 0.120, the farthest of 1; 1 within a factor 1.5')
     """
     verdicts: list[Holds] = []
     for _, values, printed in pairs:
@@ -108,20 +90,13 @@ def mostly(count: int, of: int) -> bool | None:
     """Whether something is so in more than half of all cases, by `count` of so many drawn.
 
     By the exact interval of a share (Clopper and Pearson, 1934).
-
-    >>> mostly(9, 10), mostly(6, 10), mostly(1, 10)
-    (True, None, False)
     """
     share = stats.binomtest(count, of).proportion_ci(LEVEL)
     return True if share.low > 0.5 else False if share.high < 0.5 else None
 
 
 def scatters_more(values: ArrayLike, others: Sequence[ArrayLike]) -> Holds:
-    """Whether values (k,) scatter more than each of others (k,), by the F test of variances.
-
-    >>> scatters_more([0.0, 9.0, -9.0, 5.0], [[0.0, 0.1, -0.1, 0.0]])
-    True
-    """
+    """Whether values (k,) scatter more than each of others (k,), by the F test of variances."""
     first = np.asarray(values, dtype=float)
     verdicts: list[Holds] = []
     for other in map(np.asarray, others):
@@ -137,11 +112,7 @@ def scatters_more(values: ArrayLike, others: Sequence[ArrayLike]) -> Holds:
 
 
 def against(lower: ArrayLike, higher: ArrayLike) -> str:
-    """Say in how many repetitions values (k,) are not below others; empty where in none.
-
-    >>> against([1.0, 3.0], 2.0)
-    ', the other way in 1 of 2'
-    """
+    """Say in how many repetitions values (k,) are not below others; empty where in none."""
     difference = np.subtract(higher, lower, dtype=float)
     count = int(np.sum(difference <= 0.0))
     return f", the other way in {count} of {difference.size}" if count else ""

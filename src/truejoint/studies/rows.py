@@ -18,12 +18,7 @@ _KEY: Final = ("source", "table", "condition", "method", "quantity")
 
 
 def select(rows: DataFrame, **where: Any) -> DataFrame:
-    """Rows whose columns have a value, or one of several.
-
-    >>> rows = DataFrame({"method": list("abc"), "rms": [1.0, 2.0, 3.0]})
-    >>> select(rows, method=("a", "c")).rms.tolist()
-    [1.0, 3.0]
-    """
+    """Rows whose columns have a value, or one of several."""
     keep = np.ones(len(rows), dtype=bool)
     for column, value in where.items():
         several = isinstance(value, Collection) and not isinstance(value, str)
@@ -37,14 +32,7 @@ def unique(rows: DataFrame, column: str) -> list[Any]:
 
 
 def quantiles(rows: DataFrame, by: str, column: str, shares: Mapping[str, float]) -> DataFrame:
-    """Quantiles of a column for each value of `by`, in the order of the rows, by title.
-
-    >>> quantiles(DataFrame({"m": list("bba"), "rms": [1.0, 3.0, 5.0]}), "m", "rms", {"top": 1.0})
-       top
-    m
-    b  3.0
-    a  5.0
-    """
+    """Quantiles of a column for each value of `by`, in the order of the rows, by title."""
     cut = rows.groupby(by, sort=False)[column].quantile(np.array(list(shares.values())))
     return cut.unstack(sort=False).set_axis(list(shares), axis=1)
 
@@ -59,11 +47,7 @@ def median_texts(
 
 
 def mean_text(errors: Series, decimals: int) -> str:
-    """Text of a mean, with the standard deviation where there are several.
-
-    >>> mean_text(Series([1.0, 2.0]), 1), mean_text(Series([3.0]), 1)
-    ('1.5 ± 0.7', '3.0')
-    """
+    """Text of a mean, with the standard deviation where there are several."""
     spread = f" ± {fixed(float(errors.std(ddof=1)), decimals)}" if len(errors) > 1 else ""
     return fixed(float(errors.mean()), decimals) + spread
 
@@ -74,10 +58,6 @@ def frame_table(
     """Table of a frame whose index names the rows: texts as they are, numbers with `decimals`.
 
     Blanks around the name of a column do not show.
-
-    >>> frame = DataFrame({"rms": [1.0, math.nan], "worst": ["2.0 deg", ""]}, ["a", "b"])
-    >>> frame_table("RMS", frame.fillna(0.0), decimals=1).rows
-    (('a', '1.0', '2.0 deg'), ('b', '0.0', ''))
     """
     body = [
         (str(name), *(v if isinstance(v, str) else fixed(float(v), decimals) for v in row))
@@ -88,11 +68,7 @@ def frame_table(
 
 
 def notes_on(table: str, **values: Any) -> list[str]:
-    """Give the notes under a table, of ``notes.toml``, with these values in them.
-
-    >>> notes_on("hung")[0][:15]
-    '; IV hung still'
-    """
+    """Give the notes under a table, of ``notes.toml``, with these values in them."""
     return [text.format(**values) for text in shipped_table(__package__, "notes.toml")[table]]
 
 
@@ -125,9 +101,6 @@ def reported(
     """Numbers that a paper prints, by metric, in the unit that it prints; empty where it has none.
 
     All stand in one table, ``paper_tables.csv``.
-
-    >>> reported("yan2020", "2", "trajectory 28", "ukf_compensated")["rms"]
-    0.12
     """
     return paper_numbers().get((source, table, condition, method, quantity), {})
 

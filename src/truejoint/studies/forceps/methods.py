@@ -116,9 +116,6 @@ def record_forceps(
     [m], each only where its encoder is installed), ``truth/jaw`` (reference encoder, the paper's
     truth), ``truth_exact/jaw`` (what no laboratory has), ``truth_load/jaw`` (external torque [Nm])
     and the cables' tensions ``truth_tension/drive`` and ``truth_tension/reset`` [N].
-
-    >>> len(record_forceps(ForcepsParameters.read(), "verification", seed=1))
-    12967
     """
     path, mass, session, notes = motion, load.mass, "", ""
     if isinstance(motion, LoadTest):
