@@ -46,6 +46,34 @@ def test_a_slip_is_no_outlier_and_a_small_one_a_warning(healthy, rows, by, level
     assert [finding.level for finding in named(check, "outliers")] == levels
 
 
+def _slack(seed: int, slip: float = 0.0) -> Recording:
+    """A joint with play, whose effort changes its sign with the motion, that may slip halfway."""
+    random = np.random.default_rng(seed)
+    t = np.arange(1200) / 25.0
+    rates, phases = 0.4 * np.arange(1, 6), random.uniform(0.0, 6.0, 5)
+    measured = (0.25 * np.sin(np.outer(t, rates) + phases)).sum(axis=1)
+    truth, at = np.empty_like(t), measured[0]
+    for i, position in enumerate(measured):
+        truth[i] = at = min(max(at, position - 0.02), position + 0.02)
+    effort = 0.02 * np.sign(np.gradient(measured)) + 0.04 * measured
+    truth += 5e-4 * random.standard_normal(len(t))
+    truth[600:] += slip
+    columns = {"t": t, "measured/jaw": measured, "truth/jaw": truth, "effort/jaw": effort}
+    return Recording.from_columns(columns, Provenance("davinci_grasper", source="slack.csv"))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_effort_that_turns_round_in_a_slack_makes_no_outlier_of_the_truth(seed):
+    assert {f.name for f in check_data(_slack(seed)).findings if f.level == "fail"} <= {"travel"}
+
+
+@pytest.mark.parametrize("slip", [0.05, 0.1, 0.4, -0.8])
+def test_a_slip_halfway_is_found_however_large_it_is(slip):
+    (finding,) = named(check_data(_slack(4, slip)), "zero")
+    assert finding.level == "fail"
+    assert finding.what.endswith("at row 600 and stays")
+
+
 @pytest.mark.parametrize("spread", [in_first, in_all])
 def test_a_wrong_sign_is_called_that_and_nothing_else(healthy, spread):
     check = check_data(spread(healthy, truth__shoulder=np.negative))

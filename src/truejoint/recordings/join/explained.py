@@ -253,8 +253,11 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
     longest = max(_LONGEST, round(1.0 / dt))
     step = np.diff(level)
     step[gaps(t)] = 0.0
+    limit *= _narrowed(level, step)
     limit = max(limit, _USUAL_STEPS * float(np.quantile(np.abs(step), _USUAL)))
-    far = np.abs(step) > limit
+    target = _target(recording, explained.joint, explained.quantity, explained.ratio)[finite]
+    # Where what explains it steps, as an effort does that turns round, the truth may be right.
+    far = (np.abs(step) > limit) & (np.sign(step) * np.diff(target) > 0.5 * np.abs(step))
     bad = np.zeros(len(level), dtype=np.bool_)
     stays = []
     judged = 0
@@ -276,6 +279,17 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
     size = level[rows] - np.interp(rows, good, level[good])
     rise = np.array([level[k : k + _LONGEST].mean() - level[k - 1] for k in stays])
     return Steps(finite[rows], size, finite[np.array(stays, dtype=np.int64)], rise)
+
+
+def _narrowed(level: Array, step: Array) -> float:
+    """Share of the spread (n,) that is left without the largest step (n - 1,), if that stays."""
+    largest = int(np.argmax(np.abs(step))) + 1
+    sides = level[:largest], level[largest:]
+    rise = float(np.median(sides[1]) - np.median(sides[0]))
+    if step[largest - 1] * np.sign(rise) < _BACK * abs(rise):
+        return 1.0  # it rises slowly, or comes back
+    rest = np.concatenate([side - np.median(side) for side in sides])
+    return min(1.0, robust_spread(rest) / max(robust_spread(level), 1e-300))
 
 
 def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:

@@ -26,7 +26,8 @@ def judge_columns(
 ) -> Iterable[Defect]:
     """Examine measured and true positions of `joints`, and whether `signals`, columns, vary."""
     yield from _clock(recording.t)
-    dropped = recording.provenance.dropped
+    counts = recording.provenance.dropped.items()  # without truth a row is kept
+    dropped = {why: n for why, n in counts if not why.startswith(("truth: ", "no truth: "))}
     if total := sum(dropped.values()):
         share = total / (total + len(recording))
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
