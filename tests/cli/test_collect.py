@@ -133,3 +133,13 @@ def test_encoders_on_a_serial_line_are_registered_and_recorded(call, monkeypatch
     recording = read_parquet("short.parquet")
     assert recording.joints_of("truth") == ("elbow",)
     assert np.nanmax(recording.column("truth/elbow")) == 1.25
+
+
+def test_what_is_too_fast_is_refused_before_anything_moves(call):
+    for name, times in {"slow": [0.0, 9.0], "fast": [0.0, 0.01]}.items():
+        joints, units = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
+        path = [[0.5, 1.55, 0.4], [0.7, 1.57, 0.4]]
+        write_trajectory(Trajectory(joints, units, path, times), f"{name}.csv")
+    told = call.refuses("shoulder would move at", "collect slow.csv fast.csv -o out")
+    assert "Homing" not in told
+    assert not Path("out").exists()

@@ -185,13 +185,13 @@ def test_another_arm_than_is_there_is_one_line(call, arm, monkeypatch, line, sai
 
 
 def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monkeypatch):
-    said = "/none: no truth came within 1 s; joint states: /arm1/jaw/measured_js, "
+    said = "/none: no truth is published there; joint states: /arm1/jaw/measured_js, "
     call.refuses(said, f"check {model} {BRIEF} /none")
-    said = "/ext_pos: no truth came within 1 s; did you mean '/ext_jpos'?"
+    said = "/ext_pos: no truth is published there; did you mean '/ext_jpos'?"
     call.refuses(said, f"rezero {model} {BRIEF} /ext_pos -o new.st")
     with suppress(truejoint.errors.MotionStopped):
         there = arm.robot.home + (arm.robot.upper - arm.robot.home) * np.eye(7)[0]
-        motion = arm.move_jp(there, speed=np.full(7, 0.04))  # for longer than it takes to look
+        motion = arm.move_jp(there, speed=np.full(7, 0.004))  # for longer than it takes to look
         told = call(f"teleop {OVER} --go-to elbow=80 --yes-move-it")
         motion.cancel()
     assert told.code == 2

@@ -103,5 +103,5 @@ def test_a_served_arm_is_checked_and_its_model_re_zeroed(call, ros, model, at_ho
     np.testing.assert_array_less(np.abs(today.zero.offset - offsets), near)
     words = f"{model.with_name('made.safetensors')} --ros {ros} --duration-s 1 --potentiometers"
     call.refuses("outer_insertion hardly moved", f"rezero {words} -o p.safetensors")
-    said = "/ext_jpoz: no truth came within 1 s; did you mean '/ext_jpos'?"
+    said = "/ext_jpoz: no truth is published there; did you mean '/ext_jpos'?"
     call.refuses(said, f"check {model} --ros {ros} --duration-s 1 --truth /ext_jpoz")

@@ -158,7 +158,8 @@ def test_it_says_what_it_waits_for_what_is_lacking_and_when_a_topic_stops(
         line.ros.send("/arm1/measured_js", short)
         report()
         level = line.ros.last["/diagnostics"].status[0].level
-    assert "waiting for /arm1/measured_js, which nobody writes" in line.said[0]
+    told = "waiting for /arm1/measured_js, which nobody writes: no arm reports: start the node"
+    assert told in line.said[0]
     assert "waiting for /arm1/operating_state" in line.said[1]
     assert line.said[2] == "correcting /arm1/measured_js"
     assert "is silent" in line.said[3]

@@ -145,6 +145,7 @@ def collect(
         device = stack.enter_context(real.or_twin(simulated.robot, simulated.backend))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
+            truejoint.motion.nominal_duration(trajectory, device.robot)  # refuses what is too fast
         model = loop.read(device.robot)
         output.mkdir(parents=True, exist_ok=True)
         truth: JointEncoders | None = None

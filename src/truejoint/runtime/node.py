@@ -262,7 +262,9 @@ class CorrectorNode:
         if self._stream.invalid:
             return ": its stamps are invalid; is the robot homed?"
         try:
-            is_written = self.topic in self._transport.topics()
+            topics = self._transport.topics()
         except RosError as error:
             return f": {error}"
-        return "" if is_written else ", which nobody writes: start the robot's node"
+        others = [name for name in topics if "/corrected/" not in name]  # which is its own
+        where = self._stream.namespaces(others, self.topic)
+        return "" if self.topic in topics else f", which nobody writes: {where}"

@@ -205,6 +205,12 @@ class RosBackend:
         with self._changed:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
+        end = time.monotonic() + SILENCE
+        while self._truth and self._truth not in (kinds := transport.topics()):
+            if time.monotonic() > end or self._closed.wait(GRAIN):
+                states = sorted(topic for topic, kind in kinds.items() if kind == JOINT_STATE)
+                near = meant(self._truth, states) or f" joint states: {', '.join(states) or 'none'}"
+                raise RosError(f"{self._truth}: no truth is published there;{near}")
         for topic in self._beside:
             read = partial(self._on_beside, topic)
             self._topics.callback(transport.subscribe(topic, JOINT_STATE, read))
@@ -488,14 +494,10 @@ class RosBackend:
             raise RosError(self._stream.refusal or self._nobody(self._stream.topic))
 
     def _nobody(self, topic: str) -> str:
-        ending, kinds = "/" + topic.rsplit("/", 1)[-1], self._transport.topics()
-        spaces = sorted(t.removesuffix(ending) for t in kinds if t.endswith(ending))
-        advice = "no arm reports: start the node of the robot, in this ROS master or domain"
+        kinds = self._transport.topics()
+        advice = self._stream.namespaces(kinds, topic)
         if topic in kinds:
             advice = f"{kinds[topic]} is published there; is it this robot's, and does it run?"
-        elif spaces:
-            near = self._stream.namespace and meant(self._stream.namespace, spaces)
-            advice = f"arms report under {', '.join(spaces)}:{near or ' give one'}"
         return f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {advice}"
 
     def _on_operating(self, message: Any) -> None:

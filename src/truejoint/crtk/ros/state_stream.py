@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, Final
@@ -14,7 +14,7 @@ from truejoint.crtk import messages
 from truejoint.crtk.messages import JOINT_STATE, RAVEN_STATE, RAVEN_TOPIC, Profile
 from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros.transport import Transport
-from truejoint.errors import RobotError
+from truejoint.errors import RobotError, meant
 from truejoint.robots import Robot
 from truejoint.robots.blocks import QUANTITIES
 
@@ -60,6 +60,15 @@ class StateStream:
     def name(self, crtk: str) -> str:
         """Topic of a CRTK name of this arm."""
         return self._profile.topic(self._robot.arm, crtk, self.namespace)
+
+    def namespaces(self, kinds: Iterable[str], topic: str) -> str:
+        """Say under which namespaces arms report, by topics' names, where a `topic` is not one."""
+        ending = "/" + topic.rsplit("/", 1)[-1]
+        spaces = sorted(name.removesuffix(ending) for name in kinds if name.endswith(ending))
+        if not spaces:
+            return "no arm reports: start the node of the robot, in this ROS master or domain"
+        near = self.namespace and meant(self.namespace, spaces)
+        return f"arms report under {', '.join(spaces)}:{near or ' give one'}"
 
     def start(self) -> None:
         """Begin to listen."""
