@@ -113,11 +113,7 @@ def test_every_command_of_the_readme_is_one_that_is_understood(
     workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     block = STEPS.split("## Step by step")[1].split("```sh\n")[1].split("```")[0]
-    for long, brief in (
-        ("\\\n", " "),
-        ("--duration-s 1200", "--duration-s 60"),
-        (" 1/4 ", " 1/2 "),
-    ):
+    for long, brief in (("\\\n", " "), ("--duration-s 600", "--duration-s 60"), (" 1/4 ", " 1/2 ")):
         block = block.replace(long, brief)
     monkeypatch.chdir(workplace)
     for line in block.splitlines():

@@ -1,8 +1,10 @@
 """`truejoint.calibration.learn_error_model`."""
 
 import numpy as np
+import pytest
 
 import truejoint
+from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 
 
@@ -14,3 +16,13 @@ def test_a_recording_that_leaves_the_arm_to_the_robot_has_that_arms_model():
     model = truejoint.calibration.learn_error_model(recording, "linear")
     assert (model.robot, model.arm) == ("raven2_true", "left")
     np.testing.assert_allclose(model.metadata["noise"]["elbow"][0], 0.0, atol=1e-9)
+
+
+def test_one_joint_alone_is_learnt_by_plays_that_are_not_coupled():
+    t = 0.02 * np.arange(1500)
+    position = 0.4 * np.sin(0.5 * t) + 0.3 * np.sin(1.3 * t)
+    columns = {"t": t, "measured/jaw": position, "truth/jaw": 0.98 * position + 0.01}
+    recording = Recording.from_columns(columns, "davinci_grasper")
+    assert truejoint.calibration.learn_error_model(recording).estimator == "rich_play"
+    with pytest.raises(CalibrationError, match="2 to 12 measured positions by their places"):
+        truejoint.calibrate(recording, "coupled_play")

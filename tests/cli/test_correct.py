@@ -215,3 +215,10 @@ def test_several_models_are_judged_beside_each_other(call, session):
         (f"curved.st curved.st {random}", "curved.st: named twice"),
     ):
         call.refuses(said, f"evaluate {words}")
+
+
+def test_a_recording_is_not_overwritten_by_its_own_correction(call, session):
+    Path("run.parquet").write_bytes((session / "random.parquet").read_bytes())
+    line = f"correct {session}/m.st run.parquet -o ./run.parquet --force"
+    call.refuses("run.parquet: is to be corrected itself", line)
+    assert read_recording("run.parquet").joints_of("truth")

@@ -220,6 +220,8 @@ class Calibration(Summarised):
         >>> bool(np.allclose(moved.correct(test) - model.correct(test), 1e-3))
         True
         """
+        if not hasattr(zero, "shift"):
+            raise CalibrationError(other_kind(zero, "Zero", "find_zero gives one, or Zero([0.01])"))
         if zero.shift.shape != (len(self.joints),) or not np.isfinite(zero.shift).all():
             raise CalibrationError(
                 f"zero {zero.shift.tolist()!r:.60} is not a finite number for each of "

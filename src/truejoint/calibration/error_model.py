@@ -11,16 +11,16 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.fit import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators.registry import ERROR_MODEL
 from truejoint.recordings.table.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
+_ESTIMATORS: Final = ("rich_play", "coupled_play")  # of one joint, of several
 _HELD_OUT: Final = 0.25  # of each recording, at its end
 _LONGEST: Final = 60.0  # correlation time [s]
 
 
 def learn_error_model(
-    recordings: Recording | Iterable[Recording], estimator: str = ERROR_MODEL
+    recordings: Recording | Iterable[Recording], estimator: str = ""
 ) -> Calibration:
     """Learn which positions a robot reports where its joints truly are.
 
@@ -28,6 +28,7 @@ def learn_error_model(
     nothing takes it for a correction. It sees no efforts, as simulators of kinematics have none.
     Its metadata have ``noise``: by joint, the standard deviation [rad or m] and the correlation
     time [s] of held-out residuals. They are those of a fit without each recording's last quarter.
+    Unless an `estimator` is named it has plays, coupled where several joints have truth.
 
     Raises CalibrationError as `calibrate`, and where a recording has no truth.
 
@@ -38,6 +39,7 @@ def learn_error_model(
     ('davinci_grasper_true', ['jaw'])
     """
     turned = [_turned(recording) for recording in as_recordings(recordings)]
+    estimator = estimator or _ESTIMATORS[len(turned[0].joints_of("truth")) > 1]
     cuts = [round((1.0 - _HELD_OUT) * len(recording)) for recording in turned]
     trial = calibrate([r.rows(slice(0, n)) for r, n in zip(turned, cuts, strict=True)], estimator)
     residuals, steps = [], []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -47,6 +48,8 @@ def correct(
     if output.suffix not in {".csv", ".parquet"}:
         raise RecordingError(f"{output}: call it .csv or .parquet")
     check_target(output, overwrite=force)
+    if output.exists() and str(output.resolve()) in map(os.path.realpath, recordings):
+        raise RecordingError(f"{output}: is to be corrected itself; give the output another name")
     level = options.share(level_percent)
     calibration = truejoint.read_calibration(model)
     inputs = calibration.feature_set

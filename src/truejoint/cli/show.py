@@ -70,6 +70,8 @@ def robots(name: str | None = None) -> Result:
         limits.append((joint.name, joint.kind, *ends, unit.name))
     print_facts(robot.title, robot.summary().items())
     print_table(("joint", "kind", "lower", "upper", "unit"), limits)
+    if len(arms := truejoint.robots.arm_names(name.partition(":")[0])) > 1:
+        out.print(f"Arms: {', '.join(arms)}; one is named as {robot.name}:{arms[0]}.")
     out.print(f"A column map names t and <quantity>/<joint>; quantities: {', '.join(QUANTITIES)}.")
     if unused := [channel for channel in robot.channels if channel not in robot.joint_names]:
         out.print(

@@ -59,6 +59,9 @@ class Shape:
             how["sparsity"] = parse_sparsity(self.sparsity)
         if self.duration_s is not None:
             how["duration"] = how.pop("duration_s")
+        box = truejoint.motion.DIRECTIONS[-1]
+        if self.published and str(self.direction).upper() != box:
+            raise TrajectoryError(f"--published: is the box of {box}; give --direction {box}")
         maker: Any = getattr(truejoint.motion, kind if kind == "zigzag" else f"{kind}_motion")
         return cast("truejoint.motion.Trajectory", maker(robot, **how))
 
@@ -78,9 +81,9 @@ def trajectory(
     made = shape.make(kind, arm)
     for path in filter(None, (output, plot)):
         check_target(path, overwrite=force)
-    truejoint.motion.write_trajectory(made, output, overwrite=force)
-    say(f"wrote {output}")
     if plot is not None:
         truejoint.motion.plot_trajectory(made, plot, overwrite=force)
         say(f"wrote {plot}")
+    truejoint.motion.write_trajectory(made, output, overwrite=force)
+    say(f"wrote {output}")
     return tell_trajectory(made, arm)

@@ -131,6 +131,13 @@ class Block:
             )
         check_rotation(self.rotation)
 
+    def check_robot(self, robot: Robot) -> None:
+        """Raise CalibrationError if it was designed for another robot."""
+        if self.robot not in ("", robot.name):  # points of a tracker are for any
+            raise CalibrationError(
+                f"block {self.name} is for {self.robot}, not {robot.title}; design one for it"
+            )
+
     @property
     def scale(self) -> float:
         """How much larger the print is than its design, by the calliper; 1 where unmeasured."""

@@ -97,10 +97,7 @@ def design_pose(block: Block, robot: Robot) -> BlockPose:
 
     Raises CalibrationError if it is a block for another robot.
     """
-    if block.robot != robot.name:
-        raise CalibrationError(
-            f"block {block.name} is for {block.robot}, not {robot.title}; design one for it"
-        )
+    block.check_robot(robot)
     spread = np.diag(np.repeat(np.square(STAND_SD), 3))
     where = block.rotation, block.translation, spread
     return BlockPose(block, robot.name, robot.arm, *where, block.scale, block.scale_sd)

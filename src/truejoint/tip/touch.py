@@ -279,6 +279,7 @@ def find_block(
     truejoint.errors.CalibrationError: ...
     """
     working = enough(touches, FEWEST_OF_BLOCK, "find a block's pose", block)
+    block.check_robot(recording.robot)
     rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd)
     dimple = np.array(touches.dimple)
     fit = fit_block(rows.rows(np.isin(dimple, working.dimple)), block)
@@ -677,6 +678,7 @@ def calibrate_by_touch(
     truejoint.errors.CalibrationError: ...
     """
     touches = enough(touches, fewest_touches(prior), "calibrate", block)
+    block.check_robot(recording.robot)
     terms = Terms.of_workspace(recording.robot)
     shared, plays = terms.columns_of(recording)
     _check_spread(touches, block, terms, at_rest(recording, touches, plays), prior)

@@ -146,6 +146,8 @@ def by(columns: dict[str, Any]) -> dict[str, Any]:
         ("t,measured/joint1\n", BROS, "holds no rows"),
         ("t,measured/joint1\n0,1\n1,2\n0,3\n", BROS, "row 2 goes back or repeats"),
         ("t,measured/joint1\n0,1\n1,high\n", BROS, "line 3, column 1 is 'high'"),
+        ("t;measured/joint1\n0;0,5\n1;0,6\n", BROS, "'0,5', not a number: write it with a point"),
+        ("t,measured/joint1\n17e17,1\n18e17,2\n", BROS, "beyond the year 5000; if that is in ms"),
         ("t,measured/joint1\n0,1\n1,nan\n", BROS, "lack a value, 'measured/joint1'"),
         ("measured/joint1\n0\n1\n", BROS, "no column 't' .* --metadata rate_hz=.*truejoint col"),
         ("t,measured/joint1\n0,1\n1,2\n", {**BROS, "rate": 9.0}, "has time stamps"),

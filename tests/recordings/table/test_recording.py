@@ -35,7 +35,7 @@ def columns(**changed: object) -> dict[str, object]:
         ({"measured__joint1": [1.0, np.nan, 2.0]}, "'measured/joint1' row 1 is nan; only truth"),
         ({"measured__joint1": [1.0, np.inf, 2.0]}, "'measured/joint1' row 1 is inf"),
         ({"truth__joint1": [1.0, np.inf, 2.0]}, "'truth/joint1' row 1 is inf"),
-        ({"measured__joint1": [1.0, 2.0]}, r"'measured/joint1' has shape \(2,\), 't' has \(3,\)"),
+        ({"measured__joint1": [1.0, 2.0]}, r"'measured/joint1' has shape \(2,\); want \(3,\)"),
     ],
 )
 def test_a_rule_that_is_broken_is_named(changed, message):
@@ -52,7 +52,7 @@ def test_a_recording_needs_time_and_rows():
         Recording.from_columns({"t": [0.0], "measured/joint1": [1.0]}, BROS)
     with pytest.raises(RecordingError, match="no column 'truth/elbow'; it has t, measured/joint1"):
         Recording.from_columns(columns(), BROS).column("truth/elbow")
-    with pytest.raises(RecordingError, match="None is no provenance; give the robot's name"):
+    with pytest.raises(RecordingError, match="this is a NoneType, not a Provenance; give"):
         Recording.from_columns(columns(), None)  # type: ignore[arg-type]
 
 
@@ -173,3 +173,17 @@ def test_rows_that_a_recording_has_not_are_refused(recording, selection):
         recording.rows(selection)
     with pytest.raises(RecordingError, match="1 rows; a recording needs at least 2"):
         recording.rows(5)  # type: ignore[arg-type]
+
+
+def test_a_robot_goes_where_its_name_goes(recording):
+    table = recording.table[["t", "measured/joint1"]]
+    made = Recording.from_columns(table, recording.robot)
+    assert made.robot is recording.robot
+    assert made.provenance.robot == recording.robot.name
+
+
+@pytest.mark.parametrize("kind", ["complex", "datetime64[ns]", "timedelta64[s]"])
+def test_a_column_of_dates_or_complex_numbers_is_refused(kind):
+    table = {"t": np.arange(3).astype(kind), "measured/joint1": np.zeros(3)}
+    with pytest.raises(RecordingError, match="is no column of numbers, such as seconds"):
+        Recording.from_columns(table, "bros")

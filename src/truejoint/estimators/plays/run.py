@@ -286,7 +286,7 @@ FAMILY: Final = Family(
                 and len(value) <= MAX_COUPLED
                 and len(value) == len(set(value)) != 1
             ),
-            f"no features, or 2 to {MAX_COUPLED} by their places",
+            f"2 to {MAX_COUPLED} measured positions by their places, or none: one alone has none",
         ),
         "turns": Rule(
             lambda value: _rows(value, MAX_TURNING, lambda n: is_number(n, -LARGEST, LARGEST)),

@@ -176,5 +176,7 @@ def _numbers(fields: list[str], layout: TextLayout, wanted: dict[int, bool]) -> 
     numbers = {k: float(fields[k]) if is_number(fields[k]) else np.nan for k in wanted}
     for column, may_miss in wanted.items():
         if np.isnan(numbers[column]) and not (may_miss and fields[column] in _MISSING):
-            raise RecordingError(f", column {column} is {fields[column][:40]!r}, not a number")
+            text = fields[column][:40]
+            point = ": write it with a point, without commas" if "," in text else ""
+            raise RecordingError(f", column {column} is {text!r}, not a number{point}")
     return [*numbers.values()]

@@ -24,6 +24,7 @@ from truejoint.units import SI_UNITS
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
 EPOCH: Final = 1e8
+_YEAR_5000: Final = 1e11  # [s]
 
 _LARGEST: Final = 1e15  # number in a provenance: seconds, hertz, kilograms, rows
 _SHOWN: Final = 8  # quantities that a summary lists with their channels
@@ -186,7 +187,7 @@ class Recording(Summarised):
     def from_columns(
         cls,
         columns: Mapping[str, Any],
-        provenance: Provenance | str,
+        provenance: Provenance | Robot | str,
         units: Mapping[str, str] | None = None,
         *,
         robot: Robot | None = None,
@@ -195,7 +196,7 @@ class Recording(Summarised):
         """Make a recording of columns by name; units of joint positions come from the robot.
 
         `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
-        `provenance` says where they come from, or no more than the robot's name; `units` those for
+        `provenance` says where they come from, or is the robot or its name; `units` those for
         which `default_unit` is not right; `robot` is the arm where its name does not tell all.
         The measured positions of a robot whose mechanism is known follow from those of its motors
         where they are not given. Without a `copy` the recording keeps
@@ -214,14 +215,15 @@ class Recording(Summarised):
           measured     jaw
           truth        jaw
         """
+        if isinstance(provenance, Robot):
+            robot, provenance = provenance, Provenance(provenance.name, provenance.arm)
         if isinstance(provenance, str):
             provenance = Provenance(provenance)
         if not isinstance(provenance, Provenance):
-            raise RecordingError(
-                f"{provenance!r:.60} is no provenance; give the robot's name or a Provenance"
-            )
+            advice = "give the robot, its name or a Provenance"
+            raise RecordingError(other_kind(provenance, "Provenance", advice))
         try:
-            arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
+            arrays = {str(name): _numbers(values) for name, values in columns.items()}
         except (AttributeError, OverflowError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"{provenance.source or 'recording'}: {error}; give a table, or a mapping of names "
@@ -443,6 +445,11 @@ def recordings_of_file(
             f"{path.name}: {missing} of {whole.size} rows lack a value, {worst!r} in "
             f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
         )
+    if (columns["t"][:1] > _YEAR_5000).any():
+        raise RecordingError(
+            f"{path.name}: 't' begins at {columns['t'][0]:.4g} s, beyond the year 5000; "
+            "if that is in ms, us or ns, state the unit in a column map"
+        )
     last = last_of_each_stamp(columns["t"][whole])
     rows = np.flatnonzero(whole)[last]
     if len(rows) < whole.size:
@@ -514,14 +521,22 @@ def _require_time(columns: Iterable[str], source: str) -> None:
         raise RecordingError(f"{source}: no column 't'; a recording needs time stamps in seconds")
 
 
+def _numbers(values: Any) -> Array:
+    """Numbers as floats; TypeError for those that are complex, a date or a duration."""
+    given = np.asarray(values)
+    if given.dtype.kind in "cmM":
+        raise TypeError(f"{given.dtype} is no column of numbers, such as seconds")
+    return given.astype(float, copy=False)
+
+
 def _check_shapes(columns: Mapping[str, Array], source: str) -> None:
     _require_time(columns, source)
     rows = columns["t"].shape
     for name, values in columns.items():
         if values.ndim != 1 or values.shape != rows:
             raise RecordingError(
-                f"{source}: column {name!r} has shape {values.shape}, 't' has {rows}; "
-                "give every column one value a row"
+                f"{source}: column {name!r} has shape {values.shape}; want {rows[:1]}: one value "
+                "for each row of 't'"
             )
 
 
