@@ -6,7 +6,7 @@ DEMO := demo
 FUZZ_MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint pictures results site bench fuzz wheel sbom audit lock clean
+.PHONY: help demo test lint record pictures results site bench fuzz wheel sbom audit lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -37,6 +37,9 @@ fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): comma
 
 results: $(VENV)/.installed ## Write the page of results anew, with what studies/ and bench/ hold
 	$(BIN)/python docs/results.py $(wildcard studies/*/*.json) $(wildcard bench/*.md)
+
+record: ## Keep the overview of studies/ as the manual's record of the reproduction, on a page alone
+	sed -E 's#<a href="([a-z-]+)/\1\.html">([^<]*)</a>#\2#' studies/index.html > docs/static/reproduction.html
 
 pictures: demo $(VENV)/.installed-dev ## Draw the pictures of README and manual anew (Chromium, minutes)
 	$(ONE_THREAD) $(BIN)/python docs/pictures/overview.py

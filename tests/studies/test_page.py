@@ -80,6 +80,8 @@ def test_one_page_holds_every_claim_with_its_verdict(folder):
     assert "2 (1 better)" in page
     assert page.count('badge fail">') == 1, "what is better here is not red"
     assert 'href="toy/toy.html"' in page
+    assert 'href="#toy"' in page
+    assert '<section id="toy">' in page
     assert "1 of 2 studies" in page
     assert "truejoint study other" in page  # how to get what is missing
     assert "A toy &amp; its &lt;parts&gt;" in page
