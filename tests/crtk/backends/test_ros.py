@@ -628,6 +628,36 @@ def test_who_moves_the_arm_after_a_move_is_let_alone(monkeypatch, speed):
             assert robot.asked is asked
 
 
+@pytest.mark.parametrize(
+    ("turn", "leaps", "said"),
+    [
+        (0.01, True, "another program moves the arm as well"),  # each has it for 10 ms
+        (0.08, True, "does not take .* or who else moves it"),
+        (0.01, False, "does not take .* or who else moves it"),
+        (None, False, "does not take .* or who else moves it"),  # the other alone
+    ],
+)
+def test_who_moves_the_arm_meanwhile_ends_the_motion(monkeypatch, turn, leaps, said):
+    """However the other one moves it: its set-points need not stand still."""
+    monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
+    robot, goal = Stepped(monkeypatch, 1000.0), ROBOT.home + 0.5 * SHOULDER
+    report, elbow = robot.report, np.eye(len(ROBOT.home))[1]
+
+    def fought_for():
+        since = robot.t - 101.0
+        if since > 0.0 and (turn is None or since % (2.0 * turn) < turn):
+            robot.asked = ROBOT.home + (0.05 + 0.02 * np.sin(since)) * elbow
+        robot.setpoint = robot.asked if leaps else robot.setpoint
+        report()
+
+    robot.report = fought_for
+    with robot.arm() as arm:
+        motion = arm.move_jp(goal)
+        with pytest.raises(CommandRefused, match=said):
+            motion.wait()
+        assert robot.t < 102.5
+
+
 def at_rest(served, goal):
     """Wait until the set-point is at `goal` (n_joints,), and stays there."""
     served.ros.wait_for("/arm1/setpoint_js", lambda m: np.allclose(m.position, goal, atol=1e-9))

@@ -40,6 +40,8 @@ _FADE: Final = 0.25  # [s] in which a joint that moves gives most of its trim ba
 _IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
 _STILL: Final = 0.035  # [s] for which the robot's may stand elsewhere until none is sent
 _MOST_STILL: Final = 0.24  # [s] for which it may at most: a busy computer may keep them
+_AGO: Final = 0.5  # [s] of set-points that are kept in mind together, twice
+_LEAVES: Final = 6  # times a second that the robot's leaves all of those: another moves it as well
 _log = logging.getLogger(__name__)
 
 
@@ -139,6 +141,9 @@ class RosBackend:
         self._stood: Array | None = None  # where the robot's set-point was then
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
         self._astray: tuple[float, Array] | None = None  # since when [s] the set-point stands off
+        self._ranges: deque[tuple[float, Array, Array]] = deque(maxlen=2)  # of what was sent, since
+        self._left: deque[float] = deque(maxlen=_LEAVES)  # when [s] the robot's left both of these
+        self._is_far = False
         self._reported = -math.inf  # stamp [s] of the newest state
         self._measured: Array | None = None
         # A joint that has arrived creeps on: a fifth of the tolerance is for that.
@@ -313,6 +318,7 @@ class RosBackend:
             self._settling = math.inf, -math.inf
         if self._setpoint is not None and not self._in_flight:
             self._in_flight.append((time.monotonic(), self._setpoint))
+            self._keep_in_mind(self._setpoint)
         for taken, row in enumerate(position):
             now = time.perf_counter()
             self._due = now if now - self._due > _HOPELESS else self._due + 1.0 / self.rate
@@ -344,7 +350,17 @@ class RosBackend:
         message.position = target.tolist()
         self._has_commanded = True
         self._in_flight.append((time.monotonic(), target))
+        self._keep_in_mind(target)
         self._servo.publish(message)
+
+    def _keep_in_mind(self, target: Array) -> None:
+        """Widen the range of what was sent of late by a set-point (n_joints,) [rad or m]."""
+        now, ranges = time.monotonic(), self._ranges
+        if ranges and now - ranges[-1][0] < _AGO:
+            since, low, high = ranges[-1]
+            ranges[-1] = since, np.minimum(low, target), np.maximum(high, target)
+        else:
+            ranges.append((now, target, target))
 
     def _is_taken(self, go_on: Callable[[], bool]) -> bool:
         """Wait while the robot's set-point stands elsewhere; False where it is not to go on.
@@ -353,6 +369,11 @@ class RosBackend:
         nothing is known: it gets no set-point either, and `operating_state` says when it is silent.
         """
         with self._changed:
+            if len(self._left) == _LEAVES and self._left[-1] - self._left[0] < 2.0 * _AGO:
+                self._left.clear()
+                raise CommandRefused(
+                    "servo_jp stopped: another program moves the arm as well; end one of them"
+                )
             while (astray := self._astray) is not None:
                 stands, is_heard = self.time - astray[0], self.time - self._reported <= _STILL
                 if stands <= _STILL:
@@ -374,7 +395,7 @@ class RosBackend:
         return CommandRefused(
             "servo_jp stopped: the robot does not take the set-points that are sent: "
             f"{joint.name} stands at {shown(float(setpoint[k]), joint.unit)}, "
-            f"{shown(float(sent[k]), joint.unit)} was sent; see its log"
+            f"{shown(float(sent[k]), joint.unit)} was sent; see its log, or who else moves it"
         )
 
     def _compare(self, t: float, setpoint: Array) -> None:
@@ -389,11 +410,17 @@ class RosBackend:
             or now - in_flight[-1][0] > _MOST_STILL + _IN_FLIGHT  # nothing is being sent
             or (np.abs(setpoint - in_flight[-1][1]) <= self._near).all()
         ):
-            self._astray = None
-        elif (
+            self._astray, self._is_far = None, False
+            return
+        low, high = (np.array(ends) for ends in list(zip(*self._ranges, strict=True))[1:])
+        nearest = np.clip(setpoint, low.min(axis=0), high.max(axis=0))
+        was_far, self._is_far = self._is_far, bool((np.abs(setpoint - nearest) > self._near).any())
+        if self._is_far and not was_far:
+            self._left.append(t)
+        if (
             self._astray is None
             or elapsed > _IN_FLIGHT  # of that time nothing is known
-            or not np.array_equal(setpoint, self._astray[1])
+            or not (self._is_far or np.array_equal(setpoint, self._astray[1]))
         ):
             self._astray = t, setpoint
 
