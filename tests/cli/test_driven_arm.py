@@ -199,7 +199,7 @@ def test_where_nobody_reports_and_where_another_moves_it(call, arm, model, monke
     assert arm.operating_state().state == "ENABLED"  # nobody has paused it
     arm.unhome()
     arm.ros.wait_for("/arm1/operating_state", lambda m: not m.is_homed)
-    call.refuses("is not homed: home it first", f"check {model} {BRIEF} /none")
+    call.refuses("is not homed: home it first", f"check {model} {BRIEF} /ext_jpos")
     monkeypatch.setattr("truejoint.crtk.ros.open_transport", lambda *_: LocalRos())
     monkeypatch.setattr(backends, "CONNECT_TIMEOUT", 0.3)
     said = "no arm reports: start the node of the robot"

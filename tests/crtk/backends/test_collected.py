@@ -32,6 +32,7 @@ class ServedTwin(LocalRos):
         clock = {"monotonic": lambda: self.t, "perf_counter": lambda: self.t, "sleep": self.sleep}
         monkeypatch.setattr(ros, "time", SimpleNamespace(**clock))
         super().subscribe(f"{self.space}/servo_jp", JOINT_STATE, self.take)
+        self.publisher(TRUTH_TOPIC, JOINT_STATE)
 
     @property
     def t(self):

@@ -40,6 +40,7 @@ _FADE: Final = 0.25  # [s] in which a joint that moves gives most of its trim ba
 _IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
 _STILL: Final = 0.035  # [s] for which the robot's may stand elsewhere until none is sent
 _MOST_STILL: Final = 0.24  # [s] for which it may at most: a busy computer may keep them
+_LOOKS: Final = 50  # for a topic that nobody seems to write: it may be a moment late
 _AGO: Final = 0.5  # [s] of set-points that are kept in mind together, twice
 _LEAVES: Final = 6  # times a second that the robot's leaves all of those: another moves it as well
 _log = logging.getLogger(__name__)
@@ -210,12 +211,10 @@ class RosBackend:
         with self._changed:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
-        end = time.monotonic() + SILENCE
-        while self._truth and self._truth not in (kinds := transport.topics()):
-            if time.monotonic() > end or self._closed.wait(GRAIN):
-                states = sorted(topic for topic, kind in kinds.items() if kind == JOINT_STATE)
-                near = meant(self._truth, states) or f" joint states: {', '.join(states) or 'none'}"
-                raise RosError(f"{self._truth}: no truth is published there;{near}")
+        if self._truth and not self._is_written(self._truth):
+            states = sorted(t for t, kind in transport.topics().items() if kind == JOINT_STATE)
+            near = meant(self._truth, states) or f" joint states: {', '.join(states) or 'none'}"
+            raise RosError(f"{self._truth}: no truth is published there;{near}")
         for topic in self._beside:
             read = partial(self._on_beside, topic)
             self._topics.callback(transport.subscribe(topic, JOINT_STATE, read))
@@ -229,6 +228,13 @@ class RosBackend:
         self._stream.start()
         if self.operating_state().is_homed:
             self._wait_for_joints()
+
+    def _is_written(self, topic: str) -> bool:
+        """Whether somebody writes a topic, now or in a moment."""
+        for _ in range(_LOOKS):
+            if topic in self._transport.topics() or self._closed.wait(GRAIN):
+                return True
+        return False
 
     def disconnect(self) -> None:
         """Deliver no more blocks, and give the topics up."""
