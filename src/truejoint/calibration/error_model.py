@@ -11,10 +11,10 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.fit import calibrate
 from truejoint.errors import CalibrationError
+from truejoint.estimators.registry import ERROR_MODELS
 from truejoint.recordings.table.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
-_ESTIMATORS: Final = ("rich_play", "coupled_play")  # of one joint, of several
 _HELD_OUT: Final = 0.25  # of each recording, at its end
 _LONGEST: Final = 60.0  # correlation time [s]
 
@@ -39,7 +39,7 @@ def learn_error_model(
     ('davinci_grasper_true', ['jaw'])
     """
     turned = [_turned(recording) for recording in as_recordings(recordings)]
-    estimator = estimator or _ESTIMATORS[len(turned[0].joints_of("truth")) > 1]
+    estimator = estimator or ERROR_MODELS[len(turned[0].joints_of("truth")) > 1]
     cuts = [round((1.0 - _HELD_OUT) * len(recording)) for recording in turned]
     trial = calibrate([r.rows(slice(0, n)) for r, n in zip(turned, cuts, strict=True)], estimator)
     residuals, steps = [], []

@@ -23,6 +23,7 @@ AUTO: Final = "auto"  # stands for an automatic choice where the name of an esti
 DEFAULT: Final = AUTO  # what is fitted where none is named
 NETWORK: Final = "dnn"  # that of peng2024
 BOOSTED_TREES: Final = "boosted_trees"  # of scikit-learn, as a member of a stack
+ERROR_MODELS: Final = ("rich_play", "coupled_play")  # of true positions: of one joint, of several
 FILTER_WITH_TREES: Final = "hybrid"  # of which a choice believes, before it knows, that half of it
 BESIDE_FILTER: Final = "rich_trees"  # and half of this are best
 

@@ -69,7 +69,7 @@ def test_other_features_are_not_coupled_and_count_all_the_same():
         ({}, 1, "among the features: 1; coupled_play couples 2 to 12: give other features"),
         ({}, 13, "among the features: 13; coupled_play couples 2 to 12"),
         ({"positions": (0, 3)}, 3, "positions .*; it must be of features 0 to 2"),
-        ({"positions": (0, 0)}, 3, "coupled is .*; it must be no features, or 2 to 12"),
+        ({"positions": (0, 0)}, 3, "coupled is .*; it must be 2 to 12 measured positions"),
         ({"couple": "yes"}, 3, "couple is 'yes'; it must be one of False, True"),
     ],
 )
