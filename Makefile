@@ -38,7 +38,7 @@ fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): comma
 results: $(VENV)/.installed ## Write the page of results anew, with what studies/ and bench/ hold
 	$(BIN)/python docs/results.py $(wildcard studies/*/*.json) $(wildcard bench/*.md)
 
-record: ## Keep the overview of studies/ as the manual's record of the reproduction, on a page alone
+record: ## Keep the overview in studies/ as the manual's record of the reproduction
 	sed -E 's#<a href="([a-z-]+)/\1\.html">([^<]*)</a>#\2#' studies/index.html > docs/static/reproduction.html
 
 pictures: demo $(VENV)/.installed-dev ## Draw the pictures of README and manual anew (Chromium, minutes)

@@ -133,15 +133,18 @@ def test_wrong_touches_are_named_and_do_little_harm():
         ({"m": 8}, "8 different dimples; to calibrate it takes 12 or more"),
         ({"flat": True}, "in one plane"),
         ({"one_sided": True}, "elbow comes from one side"),
-        ({"robot": "dvrk_psm"}, "block block is for dvrk_psm, not raven2"),
     ],
 )
 def test_touches_that_hide_something_are_refused(how, said):
-    robot = how.pop("robot", "raven2")
     recording, touches, block, _ = session(**how)
-    block = replace(block, robot=robot)
     with pytest.raises(CalibrationError, match=said):
         calibrate_by_touch(recording, touches, block)
+
+
+def test_a_block_of_another_robot_is_refused():
+    recording, touches, block, _ = session()
+    with pytest.raises(CalibrationError, match="is for dvrk_psm, not raven2"):
+        calibrate_by_touch(recording, touches, replace(block, robot="dvrk_psm"))
 
 
 def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():

@@ -88,8 +88,8 @@ class RosBackend:
 
     Notes
     -----
-    Making an `Arm` of it raises RosError within 5 s where the robot does not report. docs/ros.md
-    has the way from a running ROS to a moving arm.
+    Making an `Arm` of it raises RosError within 5 s where the robot does not report, or nobody
+    writes the topic of joint sensors. docs/ros.md has the way from a running ROS to a moving arm.
 
     Examples
     --------
@@ -371,8 +371,9 @@ class RosBackend:
     def _is_taken(self, go_on: Callable[[], bool]) -> bool:
         """Wait while the robot's set-point stands elsewhere; False where it is not to go on.
 
-        Raises CommandRefused where its reports say so for too long. Of a robot that is not heard
-        nothing is known: it gets no set-point either, and `operating_state` says when it is silent.
+        Raises CommandRefused where its reports say so for too long, or again and again: two move
+        it. Of a robot that is not heard nothing is known: it gets no set-point either, and
+        `operating_state` says when it is silent.
         """
         with self._changed:
             if len(self._left) == _LEAVES and self._left[-1] - self._left[0] < 2.0 * _AGO:
@@ -418,9 +419,8 @@ class RosBackend:
         ):
             self._astray, self._is_far = None, False
             return
-        low, high = (np.array(ends) for ends in list(zip(*self._ranges, strict=True))[1:])
-        nearest = np.clip(setpoint, low.min(axis=0), high.max(axis=0))
-        was_far, self._is_far = self._is_far, bool((np.abs(setpoint - nearest) > self._near).any())
+        ends = [end for _, *range_ in tuple(self._ranges) for end in range_]
+        was_far, self._is_far = self._is_far, not self._is_among(ends, setpoint)
         if self._is_far and not was_far:
             self._left.append(t)
         if (
@@ -432,8 +432,10 @@ class RosBackend:
 
     def _is_on_way(self, setpoint: Array) -> bool:
         """Whether it is one of those sent, or between them, within the tolerance."""
-        rows = np.array([row for _, row in tuple(self._in_flight)])
-        nearest = np.clip(setpoint, rows.min(axis=0), rows.max(axis=0))
+        return self._is_among([row for _, row in tuple(self._in_flight)], setpoint)
+
+    def _is_among(self, rows: Sequence[Array], setpoint: Array) -> bool:
+        nearest = np.clip(setpoint, np.min(rows, axis=0), np.max(rows, axis=0))
         return bool((np.abs(setpoint - nearest) <= self._near).all())
 
     def flush(self, timeout: float = ARRIVAL, go_on: Callable[[], bool] = lambda: True) -> str:
