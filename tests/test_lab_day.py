@@ -1,4 +1,4 @@
-"""A lab's day on a real ROS 1: a robot to try it on, rosbag, calibration, correction."""
+"""A lab's day on a real ROS of either version: a robot, a recording, calibration, correction."""
 
 import json
 import os
@@ -40,8 +40,6 @@ from truejoint.robots import get_robot
 from truejoint.runtime import Corrector
 from truejoint.runtime.correction import LONGEST_MOVE
 
-pytestmark = needs_ros
-
 ROBOT = get_robot("raven2")
 PROFILE = "raven2_mended"
 UNITS = tuple(ROBOT.joint(name).unit for name in ROBOT.positioning)
@@ -49,25 +47,41 @@ SPEED = 9.0 * workspace_of(ROBOT).speed
 ZIGZAG = zigzag(ROBOT, "J1-J2-J3", 1.0)  # so fast it takes 6 s
 LONG = 60.0  # [s], on a busy machine
 TOPICS = ("measured_js", "setpoint_js", "operating_state")
+DOMAIN = {
+    "ROS_DOMAIN_ID": str(2 + os.getpid() % 100), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"
+}  # fmt: skip
+
+
+ROS_1 = pytest.param(1, marks=needs_ros)
+on_ros_1 = pytest.mark.parametrize("version", [ROS_1], indirect=True)
+
+
+@pytest.fixture(scope="module", params=[ROS_1, 2])
+def version(request) -> int:
+    """Of the ROS that the day is spent on."""
+    return int(request.param)
 
 
 @pytest.fixture(scope="module")
-def master(tmp_path_factory) -> Iterator[Master]:
-    """A master of our own, found by this process and what it starts."""
-    logs, port, before = tmp_path_factory.mktemp("ros"), free_port(), dict(os.environ)
-    os.environ.update(environment(port, logs))
-    with pytest.raises(RosError, match=f"no ROS master answers at .*{port}: start roscore"):
-        open_transport(1)
-    with Master(port, logs) as running:
-        yield running
-    os.environ.clear()
-    os.environ.update(before)
+def master(version, tmp_path_factory) -> Iterator[Master | None]:
+    """A network of our own, found by this process and what it starts; ROS 1 has a master in it."""
+    logs, port = tmp_path_factory.mktemp("ros"), free_port()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {**environment(port, logs), **DOMAIN}.items():
+            patch.setenv(name, value)
+        if version == 2:
+            yield None
+            return
+        with pytest.raises(RosError, match=f"no ROS master answers at .*{port}: start roscore"):
+            open_transport(1)
+        with Master(port, logs) as running:
+            yield running
 
 
 @pytest.fixture(scope="module")
-def ros(master) -> Iterator[Transport]:
+def ros(master, version) -> Iterator[Transport]:
     """This process as a node."""
-    transport = open_transport(1)
+    transport = open_transport(version)
     yield transport
     transport.close()
 
@@ -98,18 +112,24 @@ def module(*arguments: str | Path) -> tuple[str | Path, ...]:
     return (sys.executable, "-m", "truejoint", *arguments)
 
 
-SIMULATE = module("node", "simulate", "--state-rate-hz", "100")
+def simulate(version: int, *words: str) -> tuple[str | Path, ...]:
+    return module("node", "simulate", "--state-rate-hz", "100", "--ros", str(version), *words)
+
+
+def correct(version: int, model: Path) -> tuple[str | Path, ...]:
+    return module("node", "correct", model, "--profile", PROFILE, "--ros", str(version))
 
 
 class Package(NamedTuple):
-    """A model, its ROS package, and the program that builds it."""
+    """A model, its ROS package, and the program that builds it; on Debian that is ROS 1."""
 
     model: Calibration
     folder: Path
-    build: subprocess.Popen[str]
+    build: subprocess.Popen[str] | None
 
     def built(self) -> Path:
         """Its program, once that is built."""
+        assert self.build is not None
         told, _ = self.build.communicate(timeout=300)
         assert self.build.returncode == 0, told
         return next(path for path in self.folder.rglob("correct") if path.is_file())
@@ -118,19 +138,23 @@ class Package(NamedTuple):
 class Simulator(ExitStack):
     """The program of a simulated robot; once it is closed, another may come up in its place."""
 
+    def __init__(self, version: int) -> None:
+        super().__init__()
+        self._version = version
+
     def start(self, *words: str) -> None:
-        self.process = self.enter_context(program(*SIMULATE, *words))
+        self.process = self.enter_context(program(*simulate(self._version, *words)))
 
 
 @pytest.fixture(scope="module")
-def simulator(ros) -> Iterator[Simulator]:
-    with Simulator() as made:
+def simulator(ros, version) -> Iterator[Simulator]:
+    with Simulator(version) as made:
         made.start("--homed", "--seed", "3")
         yield made
 
 
 @pytest.fixture(scope="module")
-def package(simulator, tmp_path_factory) -> Iterator[Package]:
+def package(simulator, version, tmp_path_factory) -> Iterator[Package]:
     """Debian's catkin builds it while the day goes on."""
     arm = simulated_arm(seed=3)
     arm.enable()
@@ -140,6 +164,9 @@ def package(simulator, tmp_path_factory) -> Iterator[Package]:
     model = truejoint.calibrate(recorder.recording(), "linear").without_redundant()
     folder = tmp_path_factory.mktemp("package")
     export_ros(model, folder)
+    if version == 2:
+        yield Package(model, folder, None)
+        return
     variables = {**os.environ, "PATH": f"/usr/bin:{os.environ['PATH']}", "ROS_VERSION": "1"}
     configure = f"cmake -S {folder} -B {folder}/build -DCMAKE_BUILD_TYPE=Debug"
     with subprocess.Popen(  # noqa: S602 - a line of our own
@@ -172,7 +199,7 @@ def robot(ros, simulator, package) -> Iterator[Arm]:
 def truejoint_(monkeypatch, capsys) -> Callable[..., str]:
     """A command of truejoint, here in this process; gives what it prints."""
 
-    def run(*arguments: str | Path, codes: tuple[int, ...] = (0,)) -> str:
+    def run(*arguments: str | int | Path, codes: tuple[int, ...] = (0,)) -> str:
         monkeypatch.setattr(sys, "argv", ["truejoint", *map(str, arguments)])
         with pytest.raises(SystemExit) as stop:
             main()
@@ -183,13 +210,28 @@ def truejoint_(monkeypatch, capsys) -> Callable[..., str]:
     return run
 
 
-def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
-    bag, recording = tmp_path / "day.bag", tmp_path / "day.parquet"
-    path = tmp_path / "model.safetensors"
+@contextmanager
+def recorded(
+    version: int, robot: Arm, path: Path, truejoint_: Callable[..., str]
+) -> Iterator[None]:
+    """Keep what is published meanwhile: by ROS 1's own tool, or by the arm's recorder."""
     topics = [f"/arm1/{name}" for name in TOPICS] + [TRUTH_TOPIC]
-    live = ("doctor", "live", "--duration-s", "2", "--profile", PROFILE, "--json")
-    with program("rosbag", "record", "-O", bag, *topics), ThreadPoolExecutor(1) as pool:
+    if version == 2:
+        with Recorder(robot, state_rate=100.0) as recorder:
+            yield
+        truejoint.write_parquet(recorder.recording(), path)
+        return
+    bag = path.with_suffix(".bag")
+    with program("rosbag", "record", "-O", bag, *topics):
         wait_for_readers(topics)
+        yield
+    truejoint_("extract", bag, "-o", path, "--robot", "raven2", "--profile", PROFILE)
+
+
+def test_a_labs_day(version, package, ros, robot, truejoint_, tmp_path):
+    recording, path = tmp_path / "day.parquet", tmp_path / "model.safetensors"
+    live = ("doctor", "live", "--ros", version, "--duration-s", "2", "--profile", PROFILE, "--json")
+    with recorded(version, robot, recording, truejoint_), ThreadPoolExecutor(1) as pool:
         motion = pool.submit(run_along, robot, ZIGZAG)
         printed: list[str] = []  # nothing where a topic was silent
         until(lambda: printed.append(truejoint_(*live, codes=(0, 1, 2))) or printed[-1], "topics")
@@ -198,7 +240,6 @@ def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
     assert found.keys() == set(HEADINGS)  # a busy machine spoils stamps and rates
     assert found["homing"] == "good"
     assert "fail" not in (found["unit"], found["effort"])
-    truejoint_("extract", bag, "-o", recording, "--robot", "raven2", "--profile", PROFILE)
     said = truejoint_("doctor", recording, "--json", codes=(0, 1))
     assert levels(said).keys() == set(HEADINGS[1:])
     promised = promised_factors(recording, path)
@@ -223,17 +264,19 @@ def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
         return stamps[alike(corrected, ours[:, 0], ours[:, 5:])]
 
     in_c = ("__ns:=/arm1", "_homed:=true", "corrected/measured_js:=c", "__name:=in_c")
-    with (
-        program(*module("node", "correct", path, "--profile", PROFILE)),
-        program(package.built(), *in_c),
-    ):
-        for who in ("truejoint_correct", "in_c"):
-            wait_for_readers(["/arm1/measured_js"], who)
+    with ExitStack() as programs:
+        programs.enter_context(program(*correct(version, path)))
+        if version == 1:
+            programs.enter_context(program(package.built(), *in_c))
+            for who in ("truejoint_correct", "in_c"):
+                wait_for_readers(["/arm1/measured_js"], who)
+        until(lambda: heard["/arm1/corrected/measured_js"], "the node")
         until(lambda: run_along(robot, waves(8.0)) or len(believed()) > 300, "corrected joints")
     for end in (*ends, stream.close):
         end()
     raw, corrected, truth, by_c = (np.array(rows) for rows in heard.values())
-    assert_corrected_alike(package.model, states, by_c)
+    if version == 1:
+        assert_corrected_alike(package.model, states, by_c)
     t = believed()
     t = t[(t > truth[0, 0]) & (t < truth[-1, 0])]
     reached = error(raw, truth, t) / error(corrected, truth, t)
@@ -358,6 +401,7 @@ def until(is_so: Callable[[], bool], what: str) -> None:
         time.sleep(0.05)
 
 
+@on_ros_1
 def test_others_tools_read_what_is_published(robot):
     command = [str(shutil.which("rostopic")), "echo", "-n", "1", "/arm1/measured_js"]
     done = subprocess.run(  # noqa: S603 - a line of our own
@@ -366,6 +410,7 @@ def test_others_tools_read_what_is_published(robot):
     assert "gold_shoulder" in done.stdout
 
 
+@on_ros_1
 def test_clients_of_crtk_and_dvrk_move_it_by_their_own_calls(simulator):
     """In a program of its own, on Debian's Python, which knows nothing of truejoint."""
     client = Path(__file__).with_name("crtk_client.py")
@@ -387,6 +432,7 @@ signal.pause()
 """
 
 
+@on_ros_1
 def test_the_old_and_the_new_name_of_a_message_are_read_on_one_topic(ros):
     topic, heard = "/both/operating_state", set()
     end = ros.subscribe(topic, OPERATING_STATES[0], lambda m: heard.add(m.state))
@@ -397,6 +443,7 @@ def test_the_old_and_the_new_name_of_a_message_are_read_on_one_topic(ros):
     end()
 
 
+@on_ros_1
 def test_a_master_that_starts_anew_is_told_all_topics_and_services(master, ros, robot):
     master.__exit__()
     before = robot.measured_js().t  # connections that stand outlive it
@@ -408,7 +455,7 @@ def test_a_master_that_starts_anew_is_told_all_topics_and_services(master, ros, 
 
 
 def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
-    ros, simulator, robot, package, truejoint_, tmp_path
+    version, ros, simulator, robot, package, truejoint_, tmp_path
 ):
     day, morning = tmp_path / "day.safetensors", tmp_path / "morning.safetensors"
     truejoint.write_calibration(package.model, day)
@@ -419,7 +466,7 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
         *(ros.subscribe(f"/arm1/{n}", JOINT_STATE, keeper(ros, r)) for n, r in of_topics.items()),
         ros.subscribe("/arm1/corrected/status", STRING_STAMPED, lambda m: said.append(m.string)),
     ]
-    with program(*module("node", "correct", day, "--profile", PROFILE)):
+    with program(*correct(version, day)):
         until(lambda: said[-1:] == ["OK"], "the first corrected joints")
         began = len(corrected)
         steer(ros)
@@ -428,19 +475,19 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
         simulator.close()
         until(lambda: said[-1] == "SILENT", "the node to say that the robot has stopped")
         last = len(corrected) - 1
-        with program(*SIMULATE):  # not homed, and then homed without the 13 s of it
+        with program(*simulate(version)):  # not homed, and then homed without the 13 s of it
             until(lambda: not robot.operating_state().is_homed, "a robot switched on")
         simulator.start("--homed", "--seed", "8")
         until(lambda: said[-1] == "HOMED_AGAIN", "another homing")
         until(lambda: moves(robot), "the robot to take set-points")
         with ThreadPoolExecutor(1) as pool:
             moved = pool.submit(run_along, robot, waves(2.0))
-            over_ros = ("--ros", "1", "--profile", PROFILE, "--truth", TRUTH_TOPIC)
+            over_ros = ("--ros", version, "--profile", PROFILE, "--truth", TRUTH_TOPIC)
             truejoint_("rezero", day, *over_ros, "--duration-s", "3", "-o", morning)
             moved.result()
         before, after = in_common(raw, corrected[last:])  # of a robot that is elsewhere now,
         assert (largest_step(after - before) < LARGEST_MOVE).all()  # the correction alone
-    with program(*module("node", "correct", morning, "--profile", PROFILE)):
+    with program(*correct(version, morning)):
         until(lambda: said[-1] == "OK", "corrected joints after the homing")
     for end in ends:
         end()
