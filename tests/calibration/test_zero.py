@@ -14,16 +14,16 @@ from truejoint.calibration import (
     read_calibration,
     write_calibration,
 )
-from truejoint.calibration.conformal import knowing_errors
-from truejoint.calibration.efforts import (
-    BEGINNINGS,
+from truejoint.calibration.baseline_fit import (
     _root_mean_square,
     beginning_offsets,
     residual_statistics,
-    time_in_motion,
 )
+from truejoint.calibration.conformal import knowing_errors
+from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
 from truejoint.calibration.rows import Rows, shift_signals
-from truejoint.calibration.zero import CORRELATION_MARGIN, believed, judged_error
+from truejoint.calibration.truth_zero import CORRELATION_MARGIN, judged_error
+from truejoint.calibration.zero import believed
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.features import FeatureSet
@@ -176,7 +176,7 @@ def test_what_is_forgotten_is_not_run_again(monkeypatch):
 
     found, count = looked_at()
     assert 200 < count <= 210  # seven times a tenth of half of the recording
-    monkeypatch.setattr("truejoint.calibration.efforts._AGREED", -1.0)  # nothing ever agrees
+    monkeypatch.setattr("truejoint.calibration.baseline_fit._AGREED", -1.0)  # nothing ever agrees
     whole, count = looked_at()
     assert 2200 < count <= 7 * (30 + 300)
     near = 0.01 * np.std(np.exp(-20.0 * t))

@@ -13,7 +13,7 @@ from .model_file import write_calibration as write_calibration
 from .motor_zero import EncoderZero as EncoderZero
 from .motor_zero import find_encoder_zero as find_encoder_zero
 from .motor_zero import motor_zero as motor_zero
-from .potentiometers import potentiometer_zero as potentiometer_zero
+from .potentiometer_zero import potentiometer_zero as potentiometer_zero
 from .rows import Rows as Rows
+from .truth_zero import find_zero as find_zero
 from .zero import Zero as Zero
-from .zero import find_zero as find_zero

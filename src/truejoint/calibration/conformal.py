@@ -9,16 +9,16 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import folds
+from truejoint.calibration.baseline_fit import residual_statistics
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.choose import Automatic
 from truejoint.calibration.compatibility import common_robot, source_of
-from truejoint.calibration.efforts import residual_statistics
 from truejoint.calibration.fit import calibrate, cross_fit
 from truejoint.calibration.fit_task import within
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Session, distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.zero import judged_error, rows_with_truth
+from truejoint.calibration.truth_zero import judged_error, rows_with_truth
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT

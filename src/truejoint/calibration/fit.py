@@ -13,6 +13,7 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.calibration.baseline_fit import fit_effort_baseline, residual_baseline
 from truejoint.calibration.calibration import Calibration, Fit
 from truejoint.calibration.choose import (
     FITTED_ROWS,
@@ -25,7 +26,6 @@ from truejoint.calibration.choose import (
 )
 from truejoint.calibration.conditions import conditions_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
-from truejoint.calibration.efforts import fit_effort_baseline, residual_baseline
 from truejoint.calibration.fit_task import FitTask, fitted_rows, recording_zeros, stride_of, within
 from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
