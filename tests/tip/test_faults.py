@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.drawn_arm import FAULTS, NOISE, DrawnArm, block_session, tracker_session, way
+from tests.drawn_arm import FAULTS, NOISE, DrawnArm, block_session, way
 
 from truejoint.errors import CalibrationError
 from truejoint.tip import (
@@ -16,16 +16,16 @@ from truejoint.tip import (
 
 TAKEN = (
     ("block", "1 % larger, unmeasured"), ("tracker", "1 % larger"),
-    ("tracker", "marker 3 mm off, wrist moves"), ("tracker", "marker 10 mm off, wrist moves"),
+    ("tracker", "marker 3 mm off, wrist moves"),
 )  # fmt: skip
 """No touch tells a block's size from the insertion's; what it may cost is told. A marker's place is
 fitted."""
 SELDOM = [
-    ("block", name)
-    for name in (
+    ("tracker", "marker 10 mm off, wrist moves"),
+    *(("block", name) for name in (
         "1 % larger, measured wrongly", "moved by 0.5 mm amid", "moved by 2 mm amid",
-        "mirrored in y", "numbered along y",
-    )
+        "moved by 5 mm amid", "mirrored in y", "mirrored in z", "numbered along y",
+    )),
 ]  # fmt: skip
 """The benchmark alone tries these."""
 
@@ -50,12 +50,6 @@ def test_a_fault_is_named(fault):
         assert not any(strange in str(told.value) for strange in ("block", "plate", "dimple"))
 
 
-def test_a_marker_that_no_wrist_turns_is_said_not_to_be_seen():
-    session = tracker_session(DrawnArm(2))
-    _, report = calibrate_by_touch(session.recording, session.touches, session.block)
-    assert any(text.startswith("the marker: whether it sits") for text in report.not_seen)
-
-
 def test_a_slope_that_no_arm_has_is_refused():
     arm = DrawnArm(3)
     arm.scale = np.array([1.0, 1.6, 1.0])
@@ -67,7 +61,7 @@ def test_a_slope_that_no_arm_has_is_refused():
 @pytest.mark.parametrize("references", [0, 6])
 def test_a_bolted_block_that_moves_is_refused_or_widens_the_deviations(references, tmp_path):
     ratios, refused = [], []
-    for seed in range(2):
+    for seed in range(2 if references else 1):
         arm = DrawnArm(seed)
         model, day = arm.model(), block_session(arm, 30, 0, references=references)
         pose, _ = find_block(model, day.recording, day.touches, day.block)

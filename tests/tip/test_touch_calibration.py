@@ -155,17 +155,16 @@ def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():
     assert report.not_seen[0].startswith("zero of shoulder: not seen, assumed within")
 
 
-def test_a_prior_that_contradicts_the_touches_is_not_used():
-    recording, touches, block, _ = session(30, 2)
-    alone, _ = calibrate_by_touch(recording, touches, block)
+def test_a_prior_that_contradicts_the_touches_is_not_used(calibrated):
+    recording, touches, block, _ = session()
     wrong = replace(fitted(), offsets={"model": np.array([0.0, 0.5, 0.05])})
     model, report = calibrate_by_touch(recording, touches, block, prior=wrong)
     assert report.not_seen[-1].startswith("the prior: the touches are likelier without it")
     assert model.metadata["touch"]["prior"] == []
-    assert error_in_block(model, 2) == pytest.approx(error_in_block(alone, 2), rel=1e-6)
+    assert error_in_block(model) == pytest.approx(error_in_block(calibrated[0]), rel=1e-6)
 
 
-def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
+def test_the_size_of_a_print_is_found_by_a_prior_and_named_without(calibrated):
     recording, touches, block, _ = session(30, 2)
     small = replace(block, points={n: p / 0.99 for n, p in block.points.items()}, measured=np.nan)
     _, blind = calibrate_by_touch(recording, touches, small)
@@ -174,7 +173,7 @@ def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
     (told,) = (text for text in report.not_seen if text.startswith("size of the print: -"))
     assert "measure it, and enter measured_mm" in told
     assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-4])
-    measured, calm = calibrate_by_touch(recording, touches, block)
+    measured, calm = calibrated
     (taken,) = (text for text in calm.not_seen if text.startswith("size of the print"))
     assert taken.startswith("size of the print: not seen, taken as stated; 1 % of it is 0.")
     assert measured.metadata["touch"]["scale"] == pytest.approx(1.0, abs=2e-3)
