@@ -40,7 +40,7 @@ def robot_and_truth(
     return recording, Stream(truth_t - offset, named)
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(offset=st.floats(-5e3, 5e3), seed=st.integers(0, 50))
 def test_the_offset_is_found_to_a_fraction_of_a_step(offset, seed):
     recording, truth = robot_and_truth(offset, seed)
@@ -53,7 +53,7 @@ def test_the_offset_is_found_to_a_fraction_of_a_step(offset, seed):
     assert joined.provenance.rates["truth"] == 50.0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_friction_is_not_taken_for_a_delay(seed):
     recording, truth = robot_and_truth(17.0, seed, hysteresis=0.03)
     _, clock = join_truth(recording, truth)
@@ -140,7 +140,7 @@ def test_what_cannot_be_joined_is_one_line(call, message):
 @pytest.mark.parametrize("name", ["bros_dual_encoder", "kuka_kr300_dual_encoder"])
 def test_the_offset_is_found_on_real_joints(dataset_folder, name):
     dataset_folder(name)
-    for whole in read_dataset(name):
+    for whole in read_dataset(name)[:2]:
         joints = whole.joints_of("truth")
         kept = [column for column in whole.table if not column.startswith("truth")]
         robot = Recording.from_columns(whole.table[kept], whole.provenance.robot)

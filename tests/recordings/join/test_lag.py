@@ -42,8 +42,7 @@ def _recordings(frequencies: Sequence[float], late: float, half: float) -> list[
 
 
 @pytest.mark.parametrize(
-    ("frequencies", "half"),
-    [((0.1, 0.5), 0.0), ((0.3, 0.5), 0.01), ((0.3, 0.5), 0.1), ((0.05, 0.1, 0.5, 0.5), 0.05)],
+    ("frequencies", "half"), [((0.1, 0.5), 0.0), ((0.3, 0.5), 0.1), ((0.05, 0.1, 0.5, 0.5), 0.05)]
 )
 def test_a_late_clock_is_a_failure_and_a_loop_alone_is_none(frequencies, half):
     assert not named(check_data(_recordings(frequencies, 0.0, half)), "delay")
@@ -54,8 +53,9 @@ def test_a_late_clock_is_a_failure_and_a_loop_alone_is_none(frequencies, half):
     assert "beside a loop of" in finding.what
 
 
-@pytest.mark.parametrize(("late", "half"), [(0.05, 0.0), (0.05, 0.05), (0.0, 0.05)])
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize(
+    ("count", "late", "half"), [(1, 0.05, 0.0), (1, 0.0, 0.05), (3, 0.05, 0.05)]
+)
 def test_one_speed_cannot_tell_a_clock_from_a_loop(count, late, half):
     (finding,) = named(check_data(_recordings([0.5] * count, late, half)), "delay")
     assert finding.level == "warn"

@@ -38,27 +38,33 @@ def judged(ros: SaidRos, recording: Recording, **how: Any) -> DataCheck:
     return link.diagnose()
 
 
+def spoilt(session: Recording) -> Recording:
+    """A session without efforts, whose truth stands still, and of which messages were lost."""
+    ill = changed(of_quantity(session, "effort", np.zeros_like), truth__elbow=stuck(300, 700))
+    return ill.rows(np.r_[:400, 440:900])
+
+
 @pytest.mark.parametrize(
-    ("fault", "name", "level"),
+    ("make", "levels"),
     [
-        (lambda r: r, "effort", "good"),
-        (lambda r: of_quantity(r, "effort", np.zeros_like), "effort", "fail"),
-        (lambda r: changed(r, truth__elbow=stuck(300, 700)), "frozen signal", "fail"),
-        (lambda r: r.rows(np.r_[:400, 440:900]), "lost messages", "warn"),
+        (lambda r: r, {"effort": "good"}),
+        (spoilt, {"effort": "fail", "frozen signal": "fail", "lost messages": "warn"}),
     ],
 )
-def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, fault, name, level):
-    recording = fault(session)
+def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, make, levels):
+    recording = make(session)
     live = judged(SaidRos(), recording)
     write_bag(recording, tmp_path / "a.bag", profile=PROFILE.name)
     bag = read_bag(tmp_path / "a.bag", "raven2", profile=PROFILE.name, state=STATE)
     assert live.by_heading()[0] == Finding("good", "link", live.by_heading()[0].what, "")
+    found = diagnose(bag)
     assert [(v.level, v.name) for v in live.by_heading()[1:]] == [
-        (v.level, v.name) for v in diagnose(bag).by_heading()
+        (v.level, v.name) for v in found.by_heading()
     ]
-    heard, read = by_heading(live)[name], by_heading(diagnose(bag))[name]
-    assert heard.level == level
-    assert heard.text.replace("in live", "in a.bag") == read.text
+    for name, level in levels.items():
+        heard, read = by_heading(live)[name], by_heading(found)[name]
+        assert heard.level == level
+        assert heard.text.replace("in live", "in a.bag") == read.text
     assert re.search(STATE + r" 2\d\.\d* Hz, here 0 ms after its stamp", live.by_heading()[0].text)
 
 
