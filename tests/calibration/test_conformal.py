@@ -27,6 +27,11 @@ def motions(build) -> list[Recording]:
     return [build(200, seed, homing_id=f"h{seed}") for seed in range(10, 32)]
 
 
+@pytest.fixture(scope="module")
+def stated(calibration, motions) -> Calibration:
+    return with_interval(calibration, motions)
+
+
 @given(st.integers(1, 199))
 def test_fewest_trajectories_reach_the_level_and_one_fewer_does_not(thousandths):
     level = Fraction(thousandths * 5, 1000)
@@ -88,8 +93,8 @@ def test_range_excess_is_the_largest_share_of_a_range_outside(row):
     assert out[0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration, motions):
-    interval = with_interval(calibration, motions).interval
+def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration, motions, stated):
+    interval = stated.interval
     assert interval.levels.tolist() == [0.8, 0.9, 0.95]
     assert (interval.trajectories, interval.homings) == (22, 22)
     widening = [1.0 + interval.growth * calibration.range_excess(m) for m in motions]
@@ -104,8 +109,7 @@ def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration
             assert interval.half_widths[row, k] == pytest.approx(expected, rel=1e-12)
 
 
-def test_interval_widens_outside_the_trained_range_by_its_rule(calibration, motions):
-    stated = with_interval(calibration, motions)
+def test_interval_widens_outside_the_trained_range_by_its_rule(calibration, motions, stated):
     inside, outside = motions[0], motions[0]
     shift = 0.5 * (calibration.upper[0] - calibration.lower[0])
     highest = inside.column("measured/shoulder").max()
@@ -134,7 +138,7 @@ def shifted(recording: Recording, offset: float) -> Recording:
 
 
 def test_rezeroing_makes_the_interval_blind_to_the_offset_of_a_homing(calibration, motions):
-    rng = np.random.default_rng(1)
+    rng, motions = np.random.default_rng(1), motions[:12]
     apart = [shifted(motion, 0.5 * rng.choice([-1.0, 1.0])) for motion in motions]
     as_homed = with_interval(calibration, apart).interval
     zeroed = with_interval(calibration, apart, rezero=2.0).interval
@@ -142,13 +146,13 @@ def test_rezeroing_makes_the_interval_blind_to_the_offset_of_a_homing(calibratio
     same = with_interval(calibration, alike, rezero=2.0).interval
     assert zeroed.half_widths == pytest.approx(same.half_widths, rel=0.01)
     assert (as_homed.half_width(0.9) > 3 * zeroed.half_width(0.9)).all()
-    assert "any homing (22 homings seen)" in as_homed.meaning
+    assert "any homing (12 homings seen)" in as_homed.meaning
     assert "re-zeroing from 2 s of truth" in zeroed.meaning
 
 
 def test_the_errors_are_those_of_what_will_be_believed_of_a_zero(calibration, motions):
     """Their size is known from the interval's own recordings, no longer from the training's."""
-    small = calibration.effort_baseline
+    small, motions = calibration.effort_baseline, motions[:10]
     sure = replace(calibration, effort_baseline=replace(small, residual=0.1 * small.residual))
     for one in (calibration, sure):
         stated = with_interval(one, motions, rezero=0.2)

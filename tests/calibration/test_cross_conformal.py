@@ -44,9 +44,9 @@ def inside(model, recordings):
 
 
 def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
-    recordings = [bent(seed, 0.2) for seed in range(12)]
+    recordings = [bent(seed, 0.2) for seed in range(10)]
     model = cross_interval(recordings, "linear")
-    assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (12, 5, 0)
+    assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (10, 5, 0)
     assert model.interval.levels.tolist() == [0.8, 0.9]
     scores = []
     for one, fits in zip(recordings, unknowing(recordings), strict=True):
@@ -57,7 +57,7 @@ def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
     assert model.interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
     plain = calibrate(recordings, "linear")
     np.testing.assert_array_equal(model.correct(recordings[0]), plain.correct(recordings[0]))
-    assert "12 trajectories" in model.interval.meaning
+    assert "10 trajectories" in model.interval.meaning
     assert "5 fits" in model.interval.meaning
 
 
@@ -125,11 +125,8 @@ def test_what_one_recording_alone_shows_is_not_left_out_whole(moving):
     assert seen[-1] == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("lengths", [
-    [4000, 300, 300],
-    [2000, 150, 150, 150, 150, 2000],  # the first and the last would be left out together
-])  # fmt: skip
-def test_nor_is_what_is_nearly_all_the_time(lengths):
+def test_nor_is_what_is_nearly_all_the_time():
+    lengths = [2000, 150, 150, 150, 150, 2000]  # the first and the last would be left out together
     recordings = [jaw(1.0 + 0.1 * k, n=n) for k, n in enumerate(lengths)]
     interval = cross_interval(recordings, "linear").interval
     assert (interval.folds, interval.cut, interval.whole) == (5, len(lengths), 0)
@@ -155,7 +152,7 @@ def test_parts_of_few_recordings_cover_as_far_as_these_are_alike(count):
 
 def test_no_less_than_stated_is_covered_on_average():
     shares = []
-    for draw in range(3):
+    for draw in range(2):
         model = cross_interval([bent(100 * draw + k, 0.2) for k in range(10)], "poly2")
         unseen = [bent(100 * draw + k, 0.2) for k in range(50, 60)]
         shares.append(inside(model, unseen))
@@ -195,9 +192,7 @@ def loaded(number: int, seed: int) -> Recording:
 
 
 @pytest.mark.parametrize(
-    "estimator",
-    ["linear", "linear_trees", "gp", KNeighborsRegressor(1, algorithm="brute")],
-    ids=str,
+    "estimator", ["linear", KNeighborsRegressor(1, algorithm="brute")], ids=str
 )
 def test_what_is_stated_holds_under_loads_that_were_never_seen(estimator):
     """Whether an estimator remembers loads or not: its errors under those left out say how far."""
