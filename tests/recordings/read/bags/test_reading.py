@@ -5,6 +5,7 @@ import sys
 import zlib
 from collections import Counter
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -150,12 +151,11 @@ def test_packed_bags(bag, session, tmp_path, pack):
     same(read_bag(_rewritten(bag, tmp_path / "p.bag", pack=pack)), session)
 
 
-@pytest.mark.parametrize("read", [bag_topics, read_bag])
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
-def test_a_file_packed_as_a_whole_is_refused_with_what_to_do(tmp_path, suffix, read):
+def test_a_file_packed_as_a_whole_is_refused_with_what_to_do(tmp_path, suffix):
     path = tmp_path / f"run_0{suffix}.zstd"
-    path.write_bytes(zstd.compress(MCAP_MAGIC + bytes(1 << 27)))
-    for bag in (path, tmp_path):
+    path.write_bytes(zstd.compress(MCAP_MAGIC + bytes(1 << 20)))
+    for read, bag in product((bag_topics, read_bag), (path, tmp_path)):
         said = rf"run_0\{suffix}\.zstd: is packed as a whole; unpack it first: zstd -d run_0"
         with pytest.raises(RecordingError, match=said):
             read(bag)
@@ -194,9 +194,9 @@ def test_split_bags_and_truth_apart_are_joined(bag, session, tmp_path):
 
 
 def test_a_truth_on_another_clock_is_brought_back_by_the_motion(bag, tmp_path):
-    path = np.cumsum(np.random.default_rng(0).normal(size=61)).repeat(50)[:3000]
+    path = np.cumsum(np.random.default_rng(0).normal(size=30)).repeat(50)
     path = np.convolve(path, np.ones(100) / 100, "same")
-    robot = make_session(3000)
+    robot = make_session(1500)
     joints = ("shoulder", "elbow", "insertion")
     moved = {f"{q}/{j}": 0.05 * path for q in ("measured", "truth") for j in joints}
     robot = replace(robot, table=robot.table.assign(**moved))
@@ -259,18 +259,18 @@ def test_an_index_that_counts_more_than_a_file_so_long_can_hold_is_none(bag, tmp
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap"])
-@pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
-def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix, share):
+def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix):
     path = tmp_path / f"run{suffix}"
     write_bag(session, path)
     if suffix == ".bag":
         path = _rewritten(path, tmp_path / "small.bag")
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    found = read_bag(path)
-    assert 0.5 * share * len(session) < len(found) < len(session)
-    np.testing.assert_allclose(found.t, session.t[: len(found)], rtol=0, atol=1e-9)
-    assert any("cut short" in reason for reason in found.provenance.dropped)
+    for share in (0.2, 0.6, 0.95):
+        path.write_bytes(whole[: int(share * len(whole))])
+        found = read_bag(path)
+        assert 0.5 * share * len(session) < len(found) < len(session)
+        np.testing.assert_allclose(found.t, session.t[: len(found)], rtol=0, atol=1e-9)
+        assert any("cut short" in reason for reason in found.provenance.dropped)
 
 
 def _chunk(content: bytes, checksum: int = 0) -> bytes:
@@ -387,8 +387,10 @@ def test_rows_of_homing_are_left_out(session, tmp_path):
     assert AMID not in found.provenance.dropped
 
 
-@pytest.mark.parametrize("kind", ["operating_state", "OperatingState"])  # as RAVEN-II, as CRTK
-@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+@pytest.mark.parametrize(
+    ("kind", "suffix"),  # as RAVEN-II, as CRTK
+    [("operating_state", ".bag"), ("operating_state", ".mcap"), ("OperatingState", ".db3")],
+)
 def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path, kind, suffix):
     start, kind = session.provenance.start, f"crtk_msgs/msg/{kind}"
     text = DEFINITIONS["crtk_msgs/operating_state"]
