@@ -106,7 +106,7 @@ def tables(
 
 def multiply_pages(path: Path) -> None:
     """Have each inner page of the tree of messages point to the next a hundred times."""
-    tables(path, rows=[MESSAGE] * 9000)
+    tables(path, rows=[MESSAGE] * 3000)
     data = bytearray(path.read_bytes())
     inner = [at for at in range(0, len(data), 4096) if data[at + 100 * (at == 0)] == 5]
     pages = [*inner, *range(len(data), len(data) + 12 * 4096, 4096)]
@@ -189,7 +189,7 @@ def state_records(messages: Sequence[bytes], definition: str = JOINTS) -> bytes:
 
 def blank() -> bytes:
     """Record of a long message."""
-    return record(5, bytes(1 << 27))
+    return record(5, bytes(1 << 26))
 
 
 def chunk(content: bytes, packing: str) -> bytes:
@@ -234,7 +234,7 @@ FEW = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
 KINDS |= {
     "chunks_zstd.mcap": lambda _: mcap(*[chunk(STATES + blank(), "zstd")] * 400),
     "chunks_lz4.mcap": lambda _: mcap(*[chunk(STATES + blank(), "lz4")] * 8),
-    "chunk_of_small_records.mcap": lambda _: mcap(chunk(STATES + FEW * 400_000, "zstd")),
+    "chunk_of_small_records.mcap": lambda _: mcap(chunk(STATES + FEW * 150_000, "zstd")),
     "chunk_of_nothing.mcap": lambda _: mcap(chunk(STATES + bytes(30_000_000), "zstd")),
     "chunk_within_chunk.mcap": lambda _: mcap(
         reduce(lambda records, _: chunk(records * 2, "zstd"), range(50), STATES)
@@ -326,10 +326,12 @@ ROWS = ros1_state(20)
 SHORT = ros1_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)})
 
 KINDS |= {
-    "chunks_bz2.bag": lambda _: ros1(*[ros1_chunk(bz2.compress(bomb()), b"bz2")] * 30),
+    "chunks_bz2.bag": lambda _: ros1(
+        *[ros1_chunk(bz2.compress(ROWS + bytes(1 << 22)), b"bz2")] * 300
+    ),
     "chunks_lz4.bag": lambda _: ros1(*[ros1_chunk(lz4.frame.compress(bomb()), b"lz4")] * 3),
     "chunk_of_small_records.bag": lambda _: ros1(
-        ros1_chunk(lz4.frame.compress(ROWS + SHORT * 200_000), b"lz4")
+        ros1_chunk(lz4.frame.compress(ROWS + SHORT * 60_000), b"lz4")
     ),
     "chunk_cut.bag": lambda _: ros1(
         ros1_chunk(bz2.compress(ros1_state(2000))[:-40], b"bz2", (1 << 32) - 1)
@@ -359,7 +361,7 @@ def npz(path: Path) -> None:
 
 def mat(_: Path) -> bytes:
     """Pack a variable that unpacks to much."""
-    bomb = zlib.compress(struct.pack("<II", 14, 1 << 27) + bytes(1 << 27))
+    bomb = zlib.compress(struct.pack("<II", 14, 1 << 26) + bytes(1 << 26))
     head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     return head + struct.pack("<II", 15, len(bomb)) + bomb
 

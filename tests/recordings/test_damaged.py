@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="rosbags is not installed (truejoint[ros])")
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from .damaged import KINDS, read_damaged
@@ -21,7 +21,6 @@ def whole(request, tmp_path_factory) -> tuple[str, bytes, dict[str, Any]]:
     return suffix, path.read_bytes(), options
 
 
-@settings(max_examples=70)
 @given(
     changes=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), max_size=4),
     kept=st.just(1.0) | st.floats(0.0, 1.0),

@@ -12,7 +12,7 @@ from truejoint.calibration import calibrate
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow
-from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
+from truejoint.motion.forceps_trajectories import sine_trajectory, verification_trajectory
 from truejoint.recordings import Recorder, read_recording
 from truejoint.recordings.recorder import PAST_END, Decimator, _joined
 from truejoint.recordings.table.stream import AFTER, BACK, Stream
@@ -251,7 +251,8 @@ def test_a_forceps_motion_is_recorded_calibrated_and_judged():
     arm.enable()
     arm.home()
     recordings = []
-    for motion in (calibration_trajectory(), verification_trajectory()):
+    sine = sine_trajectory(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
+    for motion in (sine, verification_trajectory()):
         with Recorder(arm, state_rate=200.0, session=motion.name) as recorder:
             follow(arm, motion)
         recordings.append(recorder.recording())
