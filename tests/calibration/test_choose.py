@@ -1,6 +1,7 @@
 """The linear model, unless another is better on recordings that its fit did not see."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -30,6 +31,9 @@ from truejoint.estimators.registry import PRESETS
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
+of_one_zero = partial(calibrate, zero="shared")
+"""Whether zeros move is judged in `test_zero_validation`."""
+
 
 def bent(seed: int, bend: float) -> Recording:
     """Jaw whose error has a slope, a bend and noise."""
@@ -42,7 +46,7 @@ def bent(seed: int, bend: float) -> Recording:
 
 
 def choose(bend: float, tried, count: int = 4):
-    return calibrate([bent(seed, bend) for seed in range(count)], Automatic(tried))
+    return of_one_zero([bent(seed, bend) for seed in range(count)], Automatic(tried))
 
 
 def told(model):
@@ -82,7 +86,7 @@ def test_what_is_better_on_unseen_recordings_is_chosen():
 )
 def test_errors_inside_recordings_and_beyond_them_are_stated_apart(count, stated):
     recordings = [bent(seed, 0.2) for seed in range(count)]
-    chosen = calibrate(recordings, Automatic([Polynomial(2)])).metadata["choice"]["chosen"]
+    chosen = of_one_zero(recordings, Automatic([Polynomial(2)])).metadata["choice"]["chosen"]
     assert {"inside", "beyond"} & set(chosen) == stated
 
 
@@ -243,7 +247,7 @@ def together(seed: int, *, coupled: bool) -> Recording:
 @pytest.mark.parametrize("count", [1, 2])
 def test_signals_that_always_move_together_are_not_set_against_each_other(count):
     recordings = [together(seed, coupled=True) for seed in range(count)]
-    model = calibrate(recordings, Automatic([Polynomial(2)]))
+    model = of_one_zero(recordings, Automatic([Polynomial(2)]))
     assert model.estimator == "offset"
     tried = told(model)
     for name in ("linear", "poly2"):
@@ -258,14 +262,14 @@ def test_signals_that_always_move_together_are_not_set_against_each_other(count)
 
 def test_one_of_two_recordings_may_be_short_and_have_another_zero():
     few, many = shifted(0, 0.5).rows(np.arange(60)), shifted(1, 0.0)
-    model = calibrate([few, many], Automatic([Polynomial(2)]))
+    model = of_one_zero([few, many], Automatic([Polynomial(2)]))
     assert model.estimator in {"linear", "offset", "raw"}
     assert told(model)["offset"]["note"] == told(model)["raw"]["note"] == ""
 
 
 def test_of_positions_the_linear_model_stays_where_no_other_can_be_used():
     recordings = [together(seed, coupled=True) for seed in range(2)]
-    model = calibrate(recordings, Automatic([Polynomial(2)]), target="position")
+    model = of_one_zero(recordings, Automatic([Polynomial(2)]), target="position")
     assert set(told(model)) == {"linear", "poly2"}
     assert sum(trial["weights"].get("jaw", 0.0) for trial in told(model).values()) == 1.0
 
@@ -296,7 +300,9 @@ def test_what_is_believed_holds_weights_back():
 
 
 def test_where_time_runs_short_three_parts_are_judged_and_the_others_named():
-    model = calibrate([bent(seed, 0.2) for seed in range(6)], Automatic([Polynomial(2)], seconds=0))
+    model = of_one_zero(
+        [bent(seed, 0.2) for seed in range(6)], Automatic([Polynomial(2)], seconds=0)
+    )
     choice = model.metadata["choice"]
     assert len(choice["left_out"]) == 3
     assert choice["not_judged"] == ["recordings 3", "recordings 5"]
@@ -328,7 +334,7 @@ def test_what_lacks_rows_without_one_recording_is_judged_by_the_others(
 ):
     monkeypatch.setattr(Demanding, "needed", needed)
     recordings = [bent(seed, 0.2).rows(np.arange(n)) for seed, n in enumerate(rows)]
-    model = calibrate(recordings, Automatic([Demanding(2)]))
+    model = of_one_zero(recordings, Automatic([Demanding(2)]))
     tried = told(model)["poly2"]
     n_rows, _, rest = tried["note"].partition(
         " rows with truth beside a part left out; poly2 needs "
@@ -376,7 +382,7 @@ def test_motor_currents_are_tried_where_no_features_are_asked_for():
     assert seen == sorted(seen)  # though several sets of features are tried
     assert seen[-1] == 1.0
     some = [recordings[0], bent(1, 0.0), recordings[2]]
-    assert calibrate(some, tried).feature_set.names[-1] == "effort/jaw"
+    assert of_one_zero(some, tried).feature_set.names[-1] == "effort/jaw"
 
 
 def viscous(seed: int, rate_hz: float = 30.0) -> Recording:
@@ -391,12 +397,12 @@ def viscous(seed: int, rate_hz: float = 30.0) -> Recording:
 
 def test_rates_are_tried_where_no_features_are_asked_for():
     recordings, tried = [viscous(seed) for seed in range(3)], Automatic([Polynomial(2)])
-    model = calibrate(recordings, tried)
+    model = of_one_zero(recordings, tried)
     assert model.feature_set.names[-1] == "rate(measured/jaw, 0.02)"
     tenth = [one.rows(np.arange(0, len(one), 3)) for one in recordings]  # 0.1 s, but for rounding
-    features = [one["features"] for one in calibrate(tenth, tried).metadata["choice"]["tried"]]
+    features = [one["features"] for one in of_one_zero(tenth, tried).metadata["choice"]["tried"]]
     assert "rate(measured/jaw, 0.02)" in features[-1]
-    asked = calibrate(recordings, tried, features=["measured/jaw", "effort/jaw"])
+    asked = of_one_zero(recordings, tried, features=["measured/jaw", "effort/jaw"])
     assert asked.feature_set.names == ("measured/jaw", "effort/jaw")
     for rate_hz in (30.0, 1000.0):  # trained at 30 Hz
         unseen = viscous(9, rate_hz)
@@ -408,7 +414,7 @@ def test_features_that_do_not_help_are_tried_and_have_no_weight():
     recordings = [with_current(seed) for seed in range(4)]
     for one in recordings:
         one.table["truth/jaw"] -= 0.05 * one.table["current/jaw"]
-    found = calibrate(recordings, Automatic([Polynomial(2)]))
+    found = of_one_zero(recordings, Automatic([Polynomial(2)]))
     for feature in ("rate(measured/jaw, 0.02)", "current/jaw"):
         beside = [t for t in found.metadata["choice"]["tried"] if t["features"][-1] == feature]
         assert [trial["weights"] for trial in beside] == [{"jaw": 0.0}] * len(beside) != []
@@ -421,21 +427,23 @@ def test_a_column_that_one_recording_lacks_is_not_learnt_of_and_told():
     units = {k: v for k, v in recordings[1].units.items() if k != "effort/jaw"}
     some = [recordings[0], replace(recordings[1], table=table, units=units), recordings[2]]
     for order in (some, [some[1], some[0], some[2]]):
-        model = calibrate(order, Automatic([Polynomial(2)]))
+        model = of_one_zero(order, Automatic([Polynomial(2)]))
         assert model.feature_set.names == ("measured/jaw",)
         assert model.metadata["choice"]["not_in_all"] == ["effort/jaw"]
 
 
 def test_a_copy_of_a_recording_is_not_judged_by_the_other():
     once = [bent(0, 0.2), bent(1, 0.2)]
-    alone, twice = (calibrate(ones, Automatic([Polynomial(2)])) for ones in (once, [*once, *once]))
+    alone, twice = (
+        of_one_zero(ones, Automatic([Polynomial(2)])) for ones in (once, [*once, *once])
+    )
     assert told(twice)["poly2"]["rmse"] == told(alone)["poly2"]["rmse"]
     assert twice.metadata["choice"]["left_out"] == alone.metadata["choice"]["left_out"]
 
 
 def test_features_that_take_more_rows_than_there_are_are_left_out():
     recordings = [with_current(seed).rows(np.arange(18)) for seed in range(3)]
-    model = calibrate(recordings, Automatic([Polynomial(2)]))
+    model = of_one_zero(recordings, Automatic([Polynomial(2)]))
     assert model.feature_set.names == ("measured/jaw", "effort/jaw")
     assert [trial["folds"] for trial in model.metadata["choice"]["tried"]] == [3, 3, 3, 0, 0]
 
@@ -493,7 +501,7 @@ def test_a_part_without_which_a_feature_never_changes_is_judged_without_the_feat
     recording = bent(0, 0.2)
     effort = np.where(recording.t < 2.0, recording.column("effort/jaw"), 1.0)
     table = recording.table.assign(**{"effort/jaw": effort})
-    model = calibrate(replace(recording, table=table), Automatic([Polynomial(2)]))
+    model = of_one_zero(replace(recording, table=table), Automatic([Polynomial(2)]))
     assert model.metadata["choice"]["left_out"] == [f"time {k}" for k in (2, 4, 1, 3, 5)]
     tried = [one for one in model.metadata["choice"]["tried"] if len(one["features"]) == 2]
     assert [one["folds"] for one in tried] == [5, 5, 5, 5]

@@ -327,7 +327,7 @@ SHORT = ros1_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)})
 
 KINDS |= {
     "chunks_bz2.bag": lambda _: ros1(
-        *[ros1_chunk(bz2.compress(ROWS + bytes(1 << 22)), b"bz2")] * 300
+        *[ros1_chunk(bz2.compress(ROWS + bytes(1 << 22)), b"bz2")] * 600
     ),
     "chunks_lz4.bag": lambda _: ros1(*[ros1_chunk(lz4.frame.compress(bomb()), b"lz4")] * 3),
     "chunk_of_small_records.bag": lambda _: ros1(
