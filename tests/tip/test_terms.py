@@ -9,7 +9,6 @@ from tests.tip.touched_arm import ROBOT, fitted
 
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
-from truejoint.tip import calibrate_by_touch
 from truejoint.tip.terms import AGAIN, WIDE, Terms, learned_priors, wide_priors
 
 TERMS = Terms.of_workspace(ROBOT)
@@ -42,14 +41,6 @@ def test_no_zero_is_held_that_homing_moves(calibrated):
     silent = calibrated[0].with_metadata(touch={"zero_sd": "small"})
     with pytest.raises(CalibrationError, match="does not say how surely it knows its zeros"):
         learned_priors(TERMS, silent, recording)
-
-
-def test_a_prior_that_is_exactly_right_does_not_hide_its_error():
-    recording, touches, block, _ = session(30, 2, noise=2e-4)
-    model, report = calibrate_by_touch(recording, touches, block, prior=fitted())
-    assert len(model.metadata["touch"]["prior"]) == 1
-    assert (np.linalg.norm(report.left_out, axis=1) > 1e-6).all()
-    assert np.sqrt((report.left_out**2).sum(axis=1).mean()) > 2e-4
 
 
 def test_without_calibrations_little_is_expected():

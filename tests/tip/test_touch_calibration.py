@@ -153,6 +153,9 @@ def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():
     assert helped.metadata["touch"]["prior"] == ["raven2 (left arm)"]
     assert report.zero_sd[0] < np.deg2rad(1.01)
     assert report.not_seen[0].startswith("zero of shoulder: not seen, assumed within")
+    # A prior that is exactly right does not hide its error.
+    assert (np.linalg.norm(report.left_out, axis=1) > 1e-6).all()
+    assert np.sqrt((report.left_out**2).sum(axis=1).mean()) > 2e-4
 
 
 def test_a_prior_that_contradicts_the_touches_is_not_used(calibrated):
