@@ -42,7 +42,6 @@ def test_the_tip_rests_in_its_dimple_after_coming_from_a_side(arm):
         out = np.flatnonzero((np.abs(away) > np.deg2rad(1.0)).any(axis=1))[-1]
         assert (np.sign(away[out]) == side).all()
         blocks.clear()
-    hand.close()
 
 
 def test_what_is_out_of_reach_or_no_twin_is_refused(arm, lagging_arm):

@@ -198,7 +198,6 @@ def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoin
             return t
 
         yield device, seat
-        hand.close()
 
 
 @contextmanager

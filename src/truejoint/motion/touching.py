@@ -19,7 +19,8 @@ REST: Final = 1.0
 _HASTE: Final = 1.5  # between dimples, times the laboratory's speeds
 _SHORT: Final = 0.15  # of the way in that is left until the tip is looked at
 _LOOKS: Final = 4
-_SETTLING: Final = 0.3  # [s] before a look
+_SETTLING: Final = 0.3  # [s] before a look, with it
+_LOOK: Final = 0.01  # [s]; a twin is slow while each of its blocks is looked at
 
 
 def joints_at(robot: Robot, point: Array, seed: Array) -> Array:
@@ -60,17 +61,11 @@ class SimulatedHand:
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.seed, 29])
         self._columns = self.arm.robot.index(self.arm.robot.positioning)
-        self.arm.subscribe(self._look)
-        self.arm.wait(0.01)
+        self._look_on()
         if self._true is None:
-            self.close()
             raise CommandRefused(
                 f"{self.arm.robot.title} does not say where its joints really are; touch by hand"
             )
-
-    def close(self) -> None:
-        """Look no more."""
-        self.arm.unsubscribe(self._look)
 
     def touch(self, point: Array, side: Array) -> float:
         """Rest in the dimple at `point` (3,) [m] of the block; gives the rest's end [s].
@@ -101,12 +96,19 @@ class SimulatedHand:
 
     def _lost(self) -> Array:
         """By how much the joints (n_joints,) are ahead of their set-points, once settled."""
-        self.arm.wait(_SETTLING)
+        self.arm.wait(_SETTLING - _LOOK)
+        self._look_on()
         assert self._true is not None  # noqa: S101  # looked for when it was made
         now = self.arm.setpoint_js().position
         lost = np.zeros(len(now))
         lost[self._columns] = self._true - now[self._columns]
         return lost
+
+    def _look_on(self) -> None:
+        """See where the joints really are."""
+        self.arm.subscribe(self._look)
+        self.arm.wait(_LOOK)
+        self.arm.unsubscribe(self._look)
 
     def _look(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, TwinOutput):
