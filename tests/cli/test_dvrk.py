@@ -11,6 +11,7 @@ import pytest
 from tests.export.library import COMPILER, FLAGS, PLAIN, needs_compiler
 
 import truejoint
+from truejoint.estimators.registry import ERROR_MODELS
 
 ARM = "dvrk_psm:psm1"
 REZEROED = ("outer_yaw", "outer_pitch", "outer_insertion")
@@ -29,6 +30,13 @@ def session(tmp_path_factory):
                 with truejoint.recordings.Recorder(arm, path=folder / f"{name}.parquet"):
                     truejoint.motion.follow(arm, motion)
     return folder
+
+
+def without(columns, recording, path):
+    """Write a recording that lacks these columns."""
+    units = {name: unit for name, unit in recording.units.items() if name not in columns}
+    table = recording.table.drop(columns=columns)
+    truejoint.write_parquet(replace(recording, table=table, units=units), path)
 
 
 @pytest.mark.usefixtures("hasty")
@@ -51,17 +59,17 @@ def test_touches_find_the_zero_of_another_power_on(call, session, tmp_path):
 
 
 def test_potentiometers_find_the_zero_of_another_power_on(call, session, tmp_path):
-    model = "psm1.safetensors"
-    call.good(f"calibrate {session}/learn.parquet -e linear -o {model}")
+    model, learn = tmp_path / "psm1.safetensors", session / "learn.parquet"
+    before = truejoint.calibrate(truejoint.read_recording(learn), "linear")
+    truejoint.write_calibration(before, model)
     today = truejoint.read_recording(session / "seed8.parquet")
-    bare = today.table.drop(columns=[name for name in today.units if name.startswith("truth")])
-    units = {name: unit for name, unit in today.units.items() if name in bare}
-    truejoint.write_parquet(replace(today, table=bare, units=units), tmp_path / "bare.parquet")
+    truth = [name for name in today.units if name.startswith("truth")]
+    without(truth, today, tmp_path / "bare.parquet")
     done = call.good(f"rezero {model} bare.parquet -o today.safetensors")
     assert "re-zeroed by the potentiometers in bare.parquet" in done.out
     said = call.json(f"rezero {model} {session}/seed8.parquet --potentiometers -o t.safetensors")
     assert said["source"] == "potentiometers"
-    before, after = (truejoint.read_calibration(n) for n in (model, "today.safetensors"))
+    after = truejoint.read_calibration("today.safetensors")
     assert after.zero.shift.tolist() == said["shift"]
     run = today.with_truth(before.joints)
     errors = [
@@ -92,7 +100,7 @@ void report(int n, const double *t, const double *truth, const double *normal, d
     static psm_error_model model;
     psm_error_model_init(&model);
     for (int i = 0; i < n; i++) {
-        psm_report(&model, t[i], truth + 6 * i, normal + 6 * i, out + 6 * i);
+        psm_report(&model, t[i], truth + 2 * i, normal + 2 * i, out + 2 * i);
     }
 }
 """
@@ -100,7 +108,9 @@ void report(int n, const double *t, const double *truth, const double *normal, d
 
 @needs_compiler
 def test_a_simulator_in_c_reports_as_in_python(call, session, tmp_path):
-    said = call.json(f"export {session}/seed8.parquet --to simulator --prefix psm -o sim")
+    today = truejoint.read_recording(session / "seed8.parquet")
+    without([f"truth/{name}" for name in today.joints_of("truth")[2:]], today, "two.parquet")
+    said = call.json("export two.parquet --to simulator --prefix psm -o sim")
     folder = tmp_path / "sim"
     model = truejoint.read_calibration(folder / "psm.safetensors")
     assert model.metadata["noise"] == said["noise"]
@@ -108,11 +118,8 @@ def test_a_simulator_in_c_reports_as_in_python(call, session, tmp_path):
     sources = [folder / "bridge.c", folder / "psm.c"]
     made = [COMPILER, *FLAGS, *PLAIN, "-o", folder / "psm.so", *sources, "-lm"]
     subprocess.run(made, check=True)  # noqa: S603 - the compiler
-    run = (
-        truejoint.read_recording(session / "seed8.parquet")
-        .with_truth(model.joints)
-        .rows(slice(200))
-    )
+    assert (model.estimator, len(model.joints)) == (ERROR_MODELS[True], 2)
+    run = today.with_truth(model.joints).rows(slice(200))
     true = np.ascontiguousarray(run.columns("truth", model.joints))
     stepping = truejoint.runtime.ErrorModel(model, seed=5)
     python = np.array([stepping.step(t, row) for t, row in zip(run.t, true, strict=True)])
