@@ -9,6 +9,7 @@ must be whole. Prints the seed and what went wrong; exit code 1 when there was a
 """
 
 import argparse
+import contextlib
 import os
 import resource
 import shutil
@@ -99,20 +100,25 @@ def is_whole(path: Path, good: Path) -> bool:
 
 
 class Kills:
-    """A folder in which every command has run once, and how long each took."""
+    """A folder in which every command has run once, and how long each took.
+
+    Good files of every kind may lie in its `base` before.
+    """
 
     def __init__(self, folder: Path, names: Sequence[str] = tuple(COMMANDS)) -> None:
         self.base, self.trial = folder / "base", folder / "trial"
-        self.base.mkdir()
-        make_seeds(self.base)
+        if not self.base.exists():
+            self.base.mkdir()
+            make_seeds(self.base)
         self.seconds = {}
         for name, line in ((name, COMMANDS[name]) for name in names):
-            for words in ([*line.split()], [*line.split(), "--force"]):  # the second is compiled
-                began = time.monotonic()
-                code = ended(child(words, self.base))
-                self.seconds[name] = time.monotonic() - began
-                if code not in {0, 1}:
-                    raise RuntimeError(f"{line}: ends with {code} though nothing disturbs it")
+            with contextlib.chdir(self.base):  # what it imports and compiles, all others then have
+                code, said = run(*line.split())
+            began = time.monotonic()
+            again = ended(child([*line.split(), "--force"], self.base))
+            self.seconds[name] = time.monotonic() - began
+            if not {code, again} <= {0, 1}:
+                raise RuntimeError(f"{line}: ends with {code}, {again}, undisturbed: {said}")
 
     def one(self, rng: np.random.Generator) -> tuple[str, str]:
         """Disturb one command; what was done, and what went wrong, empty if nothing."""

@@ -1,6 +1,7 @@
 """A handful of random cases, and every case that once went wrong."""
 
 import json
+import shutil
 import struct
 
 import numpy as np
@@ -10,7 +11,7 @@ import truejoint
 from truejoint.errors import TruejointError
 
 from .cases import Draw, make, make_seeds, run
-from .kills import Kills
+from .kills import MOMENTS, Kills
 
 
 @pytest.fixture(scope="module")
@@ -129,12 +130,15 @@ def test_a_link_in_a_folder_of_results_leads_to_no_other_file(seeds, tmp_path, t
     assert not all(link.is_symlink() for link in links)
 
 
-def test_what_is_killed_loses_no_file(tmp_path):
+def test_what_is_killed_loses_no_file(seeds, tmp_path):
+    shutil.copytree(seeds, tmp_path / "base")
     kills = Kills(tmp_path, ("rezero", "correct to csv", "extract", "trajectory", "export"))
-    rng = np.random.default_rng(1)
-    for _ in range(10):
+    rng, done = np.random.default_rng(213), set()
+    for _ in MOMENTS:
         what, wrong = kills.one(rng)
         assert not wrong, f"{what}: {wrong}"
+        done |= {*what.split(", ")}
+    assert done == {*kills.seconds, *MOMENTS}, "each command and each moment once"
 
 
 WORDS = [
