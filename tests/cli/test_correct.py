@@ -205,7 +205,6 @@ def test_several_models_are_judged_beside_each_other(call, session):
     assert found["advice"] in re.sub("</?code>", "`", html.unescape(text))
     assert "instead" not in found["advice"]
     assert set(found["verdicts"]) == {"m (linear)", "curved (poly2)"}
-    assert call(f"evaluate {models} {random}").code == 1, "the check fails unless it is accepted"
     seen = call(f"evaluate {models} {zigzag}")
     assert seen.code == 1
     assert seen.out.count("cannot be believed") == 2

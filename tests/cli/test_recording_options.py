@@ -94,14 +94,6 @@ def test_constant_features_are_left_out_with_a_word(call):
     assert "left out: effort/jaw never change in the training rows" in said
 
 
-def test_a_model_says_which_robot_a_file_is_of(call):
-    for seed in range(2):
-        motion(seed).to_csv(f"{seed}.csv", index=False)
-    call.good(f"calibrate 0.csv {OF_GRASPER}")
-    assert call("evaluate m.st 1.csv").code in {0, 1}
-    call.good("check m.st 1.csv")
-
-
 def test_a_robots_file_is_joined_with_that_of_its_sensors(call):
     table = motion(3, rows=4000)
     table.drop(columns="truth/jaw").to_csv("robot.csv", index=False)
