@@ -1,4 +1,7 @@
-"""`check` and `rezero` look at a twin that another process serves: over ROS 1 as over ROS 2."""
+"""`check` and `rezero` look at a twin that another process serves over ROS 2.
+
+`tests/test_lab_day.py` re-zeroes over ROS 1.
+"""
 
 import json
 import os
@@ -7,7 +10,6 @@ import sys
 
 import numpy as np
 import pytest
-from tests.ros_master import Master, environment, free_port, needs_ros
 
 import truejoint
 from truejoint.crtk import simulated_arm
@@ -38,7 +40,7 @@ print(json.dumps([[code, out.getvalue(), err.getvalue()] for code, out, err in t
 
 
 def elsewhere(*lines):
-    """Code, output and errors of each line, in a process whose rospy knows no other master."""
+    """Code, output and errors of each line, in a process of its own."""
     command = [sys.executable, "-c", PATIENT, *lines]
     return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)  # noqa: S603
 
@@ -67,43 +69,32 @@ def model(tmp_path_factory):
     return path, np.median(left, axis=0)
 
 
-@pytest.fixture(params=[pytest.param("1", marks=needs_ros), "2"])
-def ros(request, model, tmp_path, monkeypatch):
-    """Number of the ROS on which another process serves the twin."""
-    port = free_port()
-    for name, value in {
-        **environment(port, tmp_path), "ROS_DOMAIN_ID": str(2 + os.getpid() % 100),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    }.items():  # fmt: skip
-        monkeypatch.setenv(name, value)
-    words = f"--robot dvrk_psm:psm1 --homed --seed {SEED} --state-rate-hz 100 --ros {request.param}"
+@pytest.fixture
+def served(model, monkeypatch):
+    """The twin, while another process serves it."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(2 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    words = f"--robot dvrk_psm:psm1 --homed --seed {SEED} --state-rate-hz 100 --ros 2 --twin"
     command = [sys.executable, "-m", "truejoint", "node", "simulate", *words.split()]
-    command += ["--twin", model[0].with_name("still.toml")]
-
-    def served():
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:  # noqa: S603
-            try:
-                assert any("/PSM1/measured_js" in line for line in process.stderr)
-                yield request.param
-            finally:
-                process.terminate()
-                process.communicate()
-
-    if request.param == "2":
-        yield from served()
-    else:
-        with Master(port, tmp_path):
-            yield from served()
+    command.append(model[0].with_name("still.toml"))
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:  # noqa: S603
+        try:
+            assert any("/PSM1/measured_js" in line for line in process.stderr)
+            yield
+        finally:
+            process.terminate()
+            process.communicate()
 
 
-def test_a_served_arm_is_checked_and_its_model_re_zeroed(ros, model, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("served")
+def test_a_served_arm_is_checked_and_its_model_re_zeroed(model, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, at_home = model
-    brief, pots = f"{path} --ros {ros} --duration-s 1", path.with_name("made.safetensors")
+    brief, pots = f"{path} --ros 2 --duration-s 1", path.with_name("made.safetensors")
     told = elsewhere(
         f"check {brief} --truth /ext_jpos --json",
         f"rezero {brief} --truth /ext_jpos -o today.safetensors",
-        f"rezero {pots} --ros {ros} --duration-s 1 --potentiometers -o p.safetensors",
+        f"rezero {pots} --ros 2 --duration-s 1 --potentiometers -o p.safetensors",
         f"check {brief} --truth /ext_jpoz",
     )
     assert [code for code, _, _ in told] == [0, 0, 2, 2], told
