@@ -3,7 +3,6 @@
 `tests/test_lab_day.py` re-zeroes over ROS 1.
 """
 
-import json
 import os
 import subprocess
 import sys
@@ -13,6 +12,8 @@ import pytest
 
 import truejoint
 from truejoint.crtk import simulated_arm
+from truejoint.crtk.backends import ros as backends
+from truejoint.crtk.ros import state_stream
 from truejoint.motion import Trajectory, follow, random_motion
 from truejoint.recordings import Recorder
 
@@ -20,29 +21,6 @@ LONG = 60.0  # [s], on a busy machine
 SEED = 3
 # Wandering friction would let the wrist give way while a busy machine starts what looks at it.
 STILL = "[motor_friction]\nwander = 0.0\nwarm_up = 0.0\n"
-PATIENT = f"""
-import contextlib, io, json, sys
-import truejoint.crtk.protocol
-truejoint.crtk.protocol.SILENCE = {LONG}  # before others take it over
-import truejoint.crtk.backends.ros
-truejoint.crtk.backends.ros.CONNECT_TIMEOUT = {LONG}
-from truejoint.cli.app import main
-told = []
-for line in sys.argv[1:]:
-    sys.argv, out, err = ["truejoint", *line.split()], io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            main()
-        except SystemExit as stop:
-            told.append([stop.code, out, err])
-print(json.dumps([[code, out.getvalue(), err.getvalue()] for code, out, err in told]))
-"""
-
-
-def elsewhere(*lines):
-    """Code, output and errors of each line, in a process of its own."""
-    command = [sys.executable, "-c", PATIENT, *lines]
-    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)  # noqa: S603
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +50,9 @@ def model(tmp_path_factory):
 @pytest.fixture
 def served(model, monkeypatch):
     """The twin, while another process serves it."""
+    for place in (backends, sys.modules["truejoint.crtk.arm"], state_stream):
+        monkeypatch.setattr(place, "SILENCE", LONG)
+    monkeypatch.setattr(backends, "CONNECT_TIMEOUT", LONG)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(2 + os.getpid() % 100))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     words = f"--robot dvrk_psm:psm1 --homed --seed {SEED} --state-rate-hz 100 --ros 2 --twin"
@@ -87,22 +68,17 @@ def served(model, monkeypatch):
 
 
 @pytest.mark.usefixtures("served")
-def test_a_served_arm_is_checked_and_its_model_re_zeroed(model, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_served_arm_is_checked_and_its_model_re_zeroed(call, model):
     path, at_home = model
-    brief, pots = f"{path} --ros 2 --duration-s 1", path.with_name("made.safetensors")
-    told = elsewhere(
-        f"check {brief} --truth /ext_jpos --json",
-        f"rezero {brief} --truth /ext_jpos -o today.safetensors",
-        f"rezero {pots} --ros 2 --duration-s 1 --potentiometers -o p.safetensors",
-        f"check {brief} --truth /ext_jpoz",
-    )
-    assert [code for code, _, _ in told] == [0, 0, 2, 2], told
-    offsets = [joint["offset"] for joint in json.loads(told[0][1])["joints"]]
+    link = "--ros 2 --duration-s 1"
+    brief = f"{path} {link} --truth /ext_jpos"
+    offsets = [joint["offset"] for joint in call.json(f"check {brief}")["joints"]]
     near = np.where(np.arange(6) == 2, 1e-3, np.radians(0.2))
     np.testing.assert_array_less(np.abs(offsets - at_home), near)
+    call.good(f"rezero {brief} -o today.safetensors")
     today = truejoint.read_calibration("today.safetensors")
     np.testing.assert_array_less(np.abs(today.zero.offset - offsets), near)
-    assert "outer_insertion hardly moved" in told[2][2].splitlines()[-1]
+    words = f"{path.with_name('made.safetensors')} {link} --potentiometers -o p.safetensors"
+    call.refuses("outer_insertion hardly moved", f"rezero {words}")
     said = "/ext_jpoz: no truth is published there; did you mean '/ext_jpos'?"
-    assert said in told[3][2].splitlines()[-1]
+    call.refuses(said, f"check {path} {link} --truth /ext_jpoz")
