@@ -12,23 +12,16 @@ import pytest
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "truejoint_example_plugin"
 
-READ = """
+CODE = """
+import os
 import sys
-from truejoint.errors import TruejointError
-from truejoint.recordings import format_names, read_recording
-from truejoint.robots import get_robot, robot_names
-print(*robot_names(), *format_names())
-for name in sys.argv[1:]:
-    try:
-        print(get_robot(name).title)
-    except TruejointError as error:
-        print(error)
-"""
-
-
-COMMANDS = """
-import sys
+os.chdir(sys.argv[1])
+from truejoint import read_recording
 from truejoint.cli.app import main
+from truejoint.errors import TruejointError
+from truejoint.estimators import get_estimator
+from truejoint.recordings import format_names
+from truejoint.robots import get_robot, robot_names
 for words in {words}:
     sys.argv[1:] = words
     try:
@@ -36,7 +29,57 @@ for words in {words}:
     except SystemExit as end:
         print(f"ended with {{end.code or 0}}")
     print("next", file=sys.stderr)
+print("next")
+print(*robot_names(), *format_names())
+for call in {calls}:
+    try:
+        print(eval(call))
+    except TruejointError as error:
+        print(error)
 """
+RAISES = """
+from truejoint.recordings import Format
+def robot(arm):
+    raise ValueError("no\\nlever")
+class Nothing:
+    pass
+def read(path):
+    raise KeyError("motor")
+FORMAT = Format("raises", "nothing", read)
+class Estimator:
+    def __init__(self, needed):
+        pass
+"""
+TWICE = {"truejoint.robots": {"twice": "math:pi"}}
+POINTS = {
+    "broken-one": {"truejoint.robots": {"broken": "broken_one:ROBOT", "number": "math:pi"}},
+    "other-one": {
+        "truejoint.robots": {"twice": "math:pi", "bros": "math:pi"},
+        "truejoint.estimators": {"dnn": "math:pi"},
+    },
+    "third-one": TWICE,
+    "raises": {
+        "truejoint.robots": {"raises": "raises:robot", "leaves": "leaves:ROBOT"},
+        "truejoint.formats": {"raises": "raises:FORMAT"},
+        "truejoint.estimators": {"raises": "raises:Estimator", "nothing": "raises:Nothing"},
+    },
+}
+SAID = {
+    "get_robot('broken')": "robots 'broken' of package broken-one does not work (Module",
+    "get_robot('number')": "robots 'number' of package broken-one is a float",
+    "get_robot('twice')": "no robot called 'twice'",
+    "get_robot('twice') ": "no robot called 'twice'",  # nor where it is asked for again
+    "'found ' + get_robot('bros').name": "found bros",
+    "'found ' + get_robot('example_lever').name": "found example_lever",
+    "get_robot('raven2').title": "raven2 (left arm)",
+    "get_robot('raises', 'left')":
+        "robots 'raises' of package raises does not work with left (ValueError: no lever)",
+    "get_robot('leaves')": "robots 'leaves' of package raises does not work (SystemExit: 3)",
+    "read_recording('run.txt', 'raises')":
+        "formats 'raises' of package raises does not work with run.txt (KeyError: 'motor')",
+    "get_estimator('raises')": "estimators 'raises' of package raises does not work (TypeErr",
+    "get_estimator('nothing')": "estimators 'nothing' of package raises: <raises.Nothing",
+}  # fmt: skip
 
 
 def install(folder: Path, name: str, points: dict[str, dict[str, str]]) -> None:
@@ -51,126 +94,63 @@ def install(folder: Path, name: str, points: dict[str, dict[str, str]]) -> None:
     (about / "entry_points.txt").write_text("\n".join(groups) + "\n")
 
 
-def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """What one process prints, and what it says, of commands and calls beside several packages."""
+    folder = tmp_path_factory.mktemp("plugins")
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
+    for name, points in {project["name"]: project["entry-points"], **POINTS}.items():
+        install(folder, name, points)
+    (folder / "broken_one.py").write_text("import nothing_of_that_name\n")
+    (folder / "raises.py").write_text(RAISES)
+    (folder / "leaves.py").write_text("raise SystemExit(3)\n")
+    steps = np.arange(600)
+    motor = 3000 * np.sin(steps / 40.0)
+    counts = np.column_stack([steps * 10, motor, motor * (8192 / 4096 / 50) * 0.9 + 5])
+    np.savetxt(folder / "run.txt", counts)
+    (folder / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
+    words = [
+        ["datasets"],
+        ["calibrate", "run.txt", "-e", "dnn", "-o", "m.st"],
+        ["calibrate", "run.txt", "--metadata", "format=example_counts", "-e", "example_ridge",
+         "-o", "lever.safetensors"],
+        ["evaluate", "lever.safetensors", "run.csv", "--robot", "example_lever"],
+    ]  # fmt: skip
     paths = [str(folder), str(EXAMPLE / "src"), os.environ.get("PYTHONPATH", "")]
-    return subprocess.run(  # noqa: S603 - our own code
-        [sys.executable, *command],
+    done = subprocess.run(  # noqa: S603 - our own code
+        [sys.executable, "-c", CODE.format(words=words, calls=list(SAID)), str(folder)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         capture_output=True,
         text=True,
         check=False,
     )
+    return done.stdout, done.stderr
 
 
-@pytest.fixture
-def example(tmp_path: Path) -> Path:
-    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
-    install(tmp_path, project["name"], project["entry-points"])
-    return tmp_path
-
-
-def test_the_example_serves_the_command_line(example: Path) -> None:
-    steps = np.arange(600)
-    motor = 3000 * np.sin(steps / 40.0)
-    counts = np.column_stack([steps * 10, motor, motor * (8192 / 4096 / 50) * 0.9 + 5])
-    np.savetxt(example / "run.txt", counts)
-    model = example / "lever.safetensors"
-    (example / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
-    fit = [
-        "calibrate", str(example / "run.txt"), "--metadata", "format=example_counts",
-        "-e", "example_ridge", "-o", str(model),
-    ]  # fmt: skip
-    judge = ["evaluate", str(model), str(example / "run.csv"), "--robot", "example_lever"]
-    install(example, "other-one", {"truejoint.estimators": {"dnn": "math:pi"}})
-    clash = ["calibrate", str(example), "-e", "dnn", "-o", "m.st"]
-    result = run(example, "-c", COMMANDS.format(words=[["datasets"], clash, fit, judge]))
-    codes = re.findall(r"^ended with (\d)$", result.stdout, flags=re.MULTILINE)
-    assert codes[:3] == ["0", "2", "0"], result.stderr
-    assert codes[3] in {"0", "1"}, result.stderr
-    assert "joints       lever" in result.stdout
+def test_the_example_serves_the_command_line(said: tuple[str, str]) -> None:
+    printed, errors = said
+    codes = re.findall(r"^ended with (\d)$", printed, flags=re.MULTILINE)
+    assert codes[:3] == ["0", "2", "0"], errors
+    assert codes[3] in {"0", "1"}, errors
+    assert "joints       lever" in printed
     # A clash is told where the name is looked up, and nowhere else.
     told = "truejoint.estimators 'dnn' of other-one: the name is taken"
-    listed, *others, _ = result.stderr.split("next\n")
+    listed, *others, _ = errors.split("next\n")
     assert listed == ""
-    assert [told in said for said in others] == [True, False, False]
+    assert [told in each for each in others] == [True, False, False]
 
 
-def test_what_cannot_be_loaded_or_is_there_twice_is_named_and_the_rest_works(example: Path) -> None:
-    (example / "broken_one.py").write_text("import nothing_of_that_name\n")
-    robots = {"broken": "broken_one:ROBOT", "number": "math:pi"}
-    install(example, "broken-one", {"truejoint.robots": robots})
-    install(example, "other-one", {"truejoint.robots": {"twice": "math:pi", "bros": "math:pi"}})
-    install(example, "third-one", {"truejoint.robots": {"twice": "math:pi"}})
-    asked = ("broken", "number", "twice", "twice", "bros", "example_lever", "raven2")
-    result = run(example, "-c", READ, *asked)
-    names, broken, number, twice, again, *works = result.stdout.splitlines()
+def test_what_cannot_be_used_or_is_there_twice_is_named_and_the_rest_works(
+    said: tuple[str, str],
+) -> None:
+    names, *lines = said[0].partition("next\n")[2].splitlines()
     assert {"broken", "example_lever", "example_counts"} <= {*names.split()}
-    assert "truejoint.robots 'broken' of package broken-one does not work (Module" in broken
-    assert "truejoint.robots 'number' of package broken-one is a float" in number
-    assert "no robot called 'twice'" in twice
-    assert "no robot called 'twice'" in again
-    assert works[0] == "bros"
-    assert works[-1] == "raven2 (left arm)"
-    first, second = sorted(result.stderr.splitlines())
+    for line, text in zip(lines, SAID.values(), strict=True):
+        assert text in line
+    assert said[1].endswith("next\n"), "what calls raise is said nowhere else"
+    clashes = (line for line in said[1].splitlines() if "truejoint.robots" in line)
+    first, second = sorted(clashes)  # each is told once
     assert "'bros' of other-one" in first
     assert "that of truejoint is used" in first
     assert "'twice' of" in second
     assert "none of them is used" in second
-
-
-RAISES = """
-from pathlib import Path
-from truejoint.recordings import Format
-def robot(arm):
-    raise ValueError("no\\nlever")
-class Nothing:
-    pass
-def read(path):
-    raise KeyError("motor")
-FORMAT = Format("raises", "nothing", read)
-class Estimator:
-    def __init__(self, needed):
-        pass
-"""
-
-
-SAID = {
-    "get_robot('raises', 'left')":
-        "robots 'raises' of package raises does not work with left (ValueError: no lever)",
-    "get_robot('leaves')": "robots 'leaves' of package raises does not work (SystemExit: 3)",
-    "read_recording('run.txt', 'raises')":
-        "formats 'raises' of package raises does not work with run.txt (KeyError: 'motor')",
-    "get_estimator('raises')": "estimators 'raises' of package raises does not work (TypeErr",
-    "get_estimator('nothing')": "estimators 'nothing' of package raises: <raises.Nothing",
-}  # fmt: skip
-
-
-def test_what_code_of_others_raises_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "raises.py").write_text(RAISES)
-    (tmp_path / "leaves.py").write_text("raise SystemExit(3)\n")
-    (tmp_path / "run.txt").write_text("1 2\n")
-    install(
-        tmp_path,
-        "raises",
-        {
-            "truejoint.robots": {"raises": "raises:robot", "leaves": "leaves:ROBOT"},
-            "truejoint.formats": {"raises": "raises:FORMAT"},
-            "truejoint.estimators": {"raises": "raises:Estimator", "nothing": "raises:Nothing"},
-        },
-    )
-    code = f"""
-import os
-from truejoint import get_robot, read_recording
-from truejoint.estimators import get_estimator
-from truejoint.errors import TruejointError
-os.chdir({str(tmp_path)!r})
-for call in {list(SAID)}:
-    try:
-        eval(call)
-    except TruejointError as error:
-        print(error)
-"""
-    result = run(tmp_path, "-c", code)
-    assert result.stderr == ""
-    for line, said in zip(result.stdout.splitlines(), SAID.values(), strict=True):
-        assert said in line
