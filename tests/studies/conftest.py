@@ -88,6 +88,13 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
 
 
 @pytest.fixture
+def coarse(coarse: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures without ticks and labels of axes, too, which take longer than all else in them."""
+    for method in ("draw", "get_tightbbox"):
+        monkeypatch.setattr(f"matplotlib.axis.Axis.{method}", lambda *_, **__: None)
+
+
+@pytest.fixture
 def drawn(tmp_path: Path, coarse: None) -> Callable[[StudyResult], bool]:
     """Whether every figure of a study can be drawn."""
 

@@ -7,13 +7,14 @@ import pytest
 from pandas import DataFrame
 
 from truejoint.errors import CommandRefused, StudyError, TruejointError
+from truejoint.motion import nested_motion
+from truejoint.robots import get_robot
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import get_study, run_study
 from truejoint.studies.claim_tests import below_all
-from truejoint.studies.forceps import closed_loop, load, methods
+from truejoint.studies.forceps import closed_loop, load, methods, population
 from truejoint.studies.forceps.methods import record
-from truejoint.studies.forceps.population import share
 from truejoint.studies.rows import select
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_gated"
@@ -21,15 +22,23 @@ FEW = "lsm,lsm_compensated,ukf_compensated,play_gated"
 
 @pytest.fixture
 def briefer(monkeypatch):
-    """Motions of half a minute: of (27) a period and a half."""
-    for name in ("calibration", "verification"):
-        path = methods._TRAJECTORIES[name]
-        monkeypatch.setitem(methods._TRAJECTORIES, name, partial(path, 31.4))
+    """Motions of 16 s, in which (27) has once been at both of its ends; loops of half a minute."""
+    paths = {name: methods._TRAJECTORIES[name] for name in ("calibration", "verification")}
+    brief = {name: partial(path, 16.0) for name, path in paths.items()}
+    brief["nested"] = partial(nested_motion, get_robot("forceps"), 30.0, rate=1000.0)
+    monkeypatch.setattr(methods, "_TRAJECTORIES", brief)
     for kept in (methods.record, methods.calibrated):
         kept.cache_clear()
     yield
     for kept in (methods.record, methods.calibrated):
         kept.cache_clear()
+
+
+@pytest.fixture
+def swift(briefer, monkeypatch):
+    """Load tests of 10.5 s, as a sweep has them."""
+    whole = methods.load_test
+    monkeypatch.setattr(methods, "load_test", lambda *test, **_: whole(*test, **population._WEIGHT))
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +100,7 @@ def test_errors_at_reversals_are_those_within_half_a_second(unloaded):
     assert row.between == pytest.approx(np.sqrt(np.mean(error[~turning] ** 2)), rel=1e-2)
 
 
+@pytest.mark.usefixtures("briefer")
 def test_table_3_separates_the_methods(drawn):
     options = {"masses_g": "250", "methods": "ukf_compensated,play_gated", "draws": 2}
     result = run_study("forceps-loaded", options)
@@ -127,9 +137,14 @@ def test_table_3_separates_the_methods(drawn):
     assert drawn(result)
 
 
-@pytest.mark.usefixtures("briefer")
+@pytest.mark.usefixtures("swift")
 def test_a_sensor_on_the_reset_cable_sees_a_weight(drawn):
-    options = {"specimen": "B", "masses_g": "100", "methods": "play_motor,play_gated,play_cables"}
+    options = {
+        "specimen": "B",
+        "masses_g": "100",
+        "methods": "play_motor,play_gated,play_cables",
+        "draws": 1,
+    }
     result = run_study("forceps-strategies", options)
     rms = select(result.rows, phase="IV").groupby("method").rms.max()
     assert rms["play_motor"] > rms["play_cables"] > rms["play_gated"]
@@ -147,6 +162,7 @@ def test_a_larger_population_begins_with_the_smaller(drawn, tmp_path):
     assert drawn(two)
 
 
+@pytest.mark.usefixtures("briefer")
 def test_other_frictions_and_weights_are_judged_together(drawn):
     options = {"count": 1, "masses_g": "100", "methods": "ukf_compensated,play_gated"}
     result = run_study("forceps-mixed", options)
@@ -179,7 +195,7 @@ def test_a_rope_that_is_pulled_tighter_stays_on_its_line():
     assert methods.common_arguments(settings)["forceps"] == tight.to_dict()
 
 
-def test_more_tension_is_judged_specimen_by_specimen(briefer):
+def test_more_tension_is_judged_specimen_by_specimen(swift):
     few = {"tensions": "0.5,2", "count": 1, "masses_g": "100", "methods": "ukf_compensated"}
     result = run_study("forceps-tension", few)
     assert list(result.parts) == [
@@ -195,8 +211,8 @@ def test_more_tension_is_judged_specimen_by_specimen(briefer):
 
 def test_shares_count_specimens():
     rms = DataFrame({"ukf_compensated": [2.0, 1.0, 4.0, 3.0], "play_gated": [1.0, 2.0, 1.0, 1.0]})
-    assert share(rms, "ukf_compensated", "play_gated") == 0.75
-    assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
+    assert population.share(rms, "ukf_compensated", "play_gated") == 0.75
+    assert population.share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
 
 
 @pytest.mark.usefixtures("briefer")
@@ -223,8 +239,10 @@ def test_a_load_swings_in_no_loop():
             study.parts(study.settings(options=wrong))
 
 
+@pytest.mark.usefixtures("briefer")
 def test_loads_are_weighed(monkeypatch):
     monkeypatch.setattr(load, "CALIBRATION_WEIGHTS", (0.1, 0.25))
+    monkeypatch.setattr(load, "_CYCLES", 1)
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
     opposing, along, unloaded = result.rows.itertuples()
     assert along.identified == pytest.approx(along.torque, rel=0.1)
@@ -242,7 +260,7 @@ def test_loads_are_weighed(monkeypatch):
 @pytest.mark.usefixtures("briefer")
 def test_the_jaw_follows_in_a_closed_loop(drawn):
     options = {
-        "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 3, "count": 1,
+        "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 2.6, "count": 1,
         "rate_hz": 125, "gain": 1, "prior": "capstan",
     }  # fmt: skip
     result = run_study("forceps-closed-loop", options)
