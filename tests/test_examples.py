@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ PACKAGES = (
 )
 
 
+@cache
 def _public(package: str) -> dict[str, Any]:
     """Functions and classes of a package; a protocol is shown by what satisfies it."""
     module = import_module(package)

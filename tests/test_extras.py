@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-EXTRAS = ("matplotlib", "mpl_toolkits", "onnx", "onnxruntime", "plotly", "pytransform3d", "viser")
+EXTRAS = (
+    "matplotlib", "mpl_toolkits", "onnx", "onnxruntime", "plotly", "pytransform3d", "viser",
+    "xarray",
+)  # fmt: skip
 
 WITHOUT = """
 import sys
@@ -31,6 +34,13 @@ for arguments in json.loads(sys.argv[1]):
         main()
     except SystemExit as end:
         print(f"ended with {end.code or 0}", file=sys.stderr)
+import truejoint
+recording = truejoint.read_recording("run.csv", robot="davinci_grasper")
+for call in (recording.plot, recording.to_xarray):
+    try:
+        call()
+    except truejoint.TruejointError as error:
+        print(error, file=sys.stderr)
 """
 
 
@@ -70,7 +80,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def told(folder: Path) -> list[str]:
-    """What a plain install says on stderr to each of a few commands, and how each ended."""
+    """What a plain install says on stderr to each of a few commands and calls, how each ended."""
     robot = ["--robot", "davinci_grasper"]
     commands = [
         ["calibrate", "run.csv", *robot, "-e", "linear", "-o", "jaw.safetensors"],
@@ -95,6 +105,13 @@ def test_what_needs_an_extra_says_which(told: list[str]) -> None:
     for (extra, needs), text, after in zip(NEEDED.items(), told[2:6], told[3:], strict=True):
         assert f'{needs} is not installed: pip install "truejoint[{extra}]"' in text
         assert after[0] == "2"
+
+
+def test_a_call_that_needs_an_extra_is_refused_in_a_line(told: list[str]) -> None:
+    assert told[6].splitlines()[1:] == [
+        'a figure needs matplotlib, which is not installed: pip install "truejoint[plots]"',
+        'to_xarray needs xarray, which is not installed: pip install "truejoint[xarray]"',
+    ]
 
 
 def test_the_loop_needs_neither_extras_nor_the_training_stack(

@@ -14,7 +14,6 @@ from matplotlib import pyplot as plt
 from tests.filters.linear import linear_model
 from tests.synthetic import build_recording
 from tests.test_examples import _motion
-from tests.test_extras import EXTRAS, run
 
 import truejoint
 from truejoint import Recording, TruejointError
@@ -223,28 +222,3 @@ def test_a_property_that_fails_says_why(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(Recording, "duration", property(broken))
     with pytest.raises(AttributeError, match="the clock broke"):
         _ = build_recording().duration
-
-
-@pytest.mark.parametrize(
-    ("call", "needed"),
-    [
-        (
-            "plot",
-            'a figure needs matplotlib, which is not installed: pip install "truejoint[plots]"',
-        ),
-        (
-            "to_xarray",
-            'to_xarray needs xarray, which is not installed: pip install "truejoint[xarray]"',
-        ),
-    ],
-)
-def test_without_the_extra_a_call_is_refused_in_a_line(
-    call: str, needed: str, tmp_path: Path
-) -> None:
-    code = (
-        "import truejoint as tj\n"
-        "r = tj.Recording.from_columns({'t': [0, 1], 'measured/jaw': [0, 1]}, 'davinci_grasper')\n"
-        f"try:\n    r.{call}()\nexcept tj.TruejointError as error:\n    print(error)"
-    )
-    said = run(code, cwd=tmp_path, without=(*EXTRAS, "xarray"))
-    assert said.stdout.strip() == needed, said.stderr

@@ -20,7 +20,7 @@ from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.datasets import DATASETS, HeldOut
 from truejoint.robots import get_robot
 
-ROBOTS = ["raven2", "davinci_grasper", "kuka_kr300"]
+ROBOTS = ["raven2", "davinci_grasper"]  # with and without kinematics
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
@@ -69,15 +69,15 @@ def without_effort(recording):
     return Recording(recording.table[names], units, recording.provenance)
 
 
-@pytest.mark.parametrize("which", [(0,), (1,), (0, 1)])
-def test_efforts_may_be_missing_in_some_recordings_or_in_all(recording_of, which):
+def test_efforts_may_be_missing_in_some_recordings_or_in_all(recording_of):
     train, *test = (recording_of("davinci_grasper", seed=seed) for seed in range(3))
     model = calibrate(train, "linear", features=["measured/jaw"])
-    mixed = [without_effort(r) if k in which else r for k, r in enumerate(test)]
-    evaluation = evaluate(model, mixed)
-    assert not evaluation.effort_units
-    assert evaluation.score("linear", "jaw").rmse > 0.0
-    assert str(evaluation)
+    for which in ((0,), (1,), (0, 1)):
+        mixed = [without_effort(r) if k in which else r for k, r in enumerate(test)]
+        evaluation = evaluate(model, mixed)
+        assert not evaluation.effort_units
+        assert evaluation.score("linear", "jaw").rmse > 0.0
+        assert str(evaluation)
 
 
 def test_the_tool_error_goes_through_the_robot_s_kinematics(case):
@@ -288,8 +288,8 @@ def test_re_zeroing_that_harms_is_told(grasper):
 
 
 def test_after_re_zeroing_the_fit_with_zeros_is_judged(recording_of):
-    train = [recording_of("raven2", seed=i, source=f"{i}.csv") for i in range(3)]
-    test = recording_of("raven2", seed=9, source="9.csv")
+    train = [recording_of("davinci_grasper", seed=i, source=f"{i}.csv") for i in range(3)]
+    test = recording_of("davinci_grasper", seed=9, source="9.csv")
     model = calibrate(train, "linear", zero="recording")
 
     def scores(judged, rezero):

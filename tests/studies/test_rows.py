@@ -4,7 +4,7 @@ import math
 
 from pandas import DataFrame, Series
 
-from truejoint.studies.rows import frame_table, mean_text, notes_on, quantiles, reported, select
+from truejoint.studies.rows import frame_table, mean_text, notes_on, quantiles, select
 
 
 def test_rows_are_chosen_by_value() -> None:
@@ -30,6 +30,5 @@ def test_a_frame_becomes_a_table() -> None:
     assert table.rows == (("a", "1.0", "2.0 deg"), ("b", "0.0", ""))
 
 
-def test_what_the_papers_print_is_at_hand() -> None:
+def test_notes_are_at_hand() -> None:
     assert notes_on("hung")[0].startswith("; IV hung still")
-    assert reported("yan2020", "2", "trajectory 28", "ukf_compensated")["rms"] == 0.12

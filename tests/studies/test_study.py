@@ -9,14 +9,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pandas import Series
 
 import truejoint.studies
 from truejoint.errors import StudyError, TruejointError
 from truejoint.studies import STUDIES, Option, Part, PartResult, Results, Settings, Study, get_study
 from truejoint.studies.forceps import paper
 from truejoint.studies.raven2 import lasting, rivals, training
-from truejoint.studies.rows import mean_text
 from truejoint.studies.study import CLAIMS, TESTS, shown
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -122,11 +120,6 @@ def test_parts_can_be_sent_to_a_worker_and_labelled(study):
         assert json.loads(json.dumps(part.arguments)).keys() == part.arguments.keys()
         signature(part.compute).bind(**part.arguments)
         assert all(isinstance(value, int | float | str) for value in part.labels.values())
-
-
-def test_a_mean_stands_with_its_spread_where_there_is_one():
-    assert mean_text(Series([1.0, 2.0]), 1) == "1.5 ± 0.7"
-    assert mean_text(Series([3.0]), 1) == "3.0"
 
 
 def test_rows_have_the_labels_of_their_parts():
