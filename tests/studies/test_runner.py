@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -154,6 +154,7 @@ ARRAYS = hnp.arrays(st.sampled_from((np.float64, np.int64, np.bool_)), hnp.array
 NAMES = st.text("abcdefghij_/.0123456789", min_size=1, max_size=12)
 
 
+@settings(max_examples=15)  # each writes a file
 @given(
     st.lists(st.dictionaries(st.text(), JSON), max_size=3),
     st.dictionaries(NAMES, ARRAYS, max_size=3),
