@@ -23,9 +23,9 @@ FEW = "lsm,lsm_compensated,ukf_compensated,play_gated"
 
 @pytest.fixture
 def briefer(monkeypatch):
-    """Motions of 16 s, in which (27) has once been at both of its ends; loops of half a minute."""
+    """Motions of 21 s, a period of (27), and nested loops of half a minute."""
     paths = {name: methods._TRAJECTORIES[name] for name in ("calibration", "verification")}
-    brief = {name: partial(path, 16.0) for name, path in paths.items()}
+    brief = {name: partial(path, 21.0) for name, path in paths.items()}
     brief["nested"] = partial(nested_motion, get_robot("forceps"), 30.0, rate=1000.0)
     monkeypatch.setattr(methods, "_TRAJECTORIES", brief)
     for kept in (methods.record, methods.calibrated):
