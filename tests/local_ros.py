@@ -20,6 +20,7 @@ class LocalRos:
         self.services: dict[str, Callable[[Any, Any], None]] = {}
         self.readers: dict[str, list[Callable[[Any], None]]] = {}
         self.last: dict[str, Any] = {}
+        self.awaited: set[str] = set()
         self._told = threading.Condition()
 
     def now(self) -> float:
@@ -67,6 +68,7 @@ class LocalRos:
 
     def wait_for(self, topic: str, wanted: Callable[[Any], bool]) -> Any:
         """The first message from now on, or the last, that is as wanted."""
+        self.awaited.add(topic)
         with self._told:
             found = self._told.wait_for(
                 lambda: topic in self.last and wanted(self.last[topic]), timeout=60.0
@@ -78,7 +80,11 @@ class LocalRos:
 class _Publisher:
     def __init__(self, ros: LocalRos, topic: str) -> None:
         self._ros, self.topic = ros, topic
-        self.readers = 1
+
+    @property
+    def readers(self) -> int:
+        """How many read it, with who has waited for one of its messages."""
+        return len(self._ros.readers.get(self.topic, ())) + (self.topic in self._ros.awaited)
 
     def publish(self, message: Any) -> None:
         self._ros.send(self.topic, message)

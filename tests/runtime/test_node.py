@@ -42,6 +42,7 @@ class Line:
             **options,
         )
         self.ros.subscribe(OUT, "sensor_msgs/JointState", self.out.append)
+        self.ros.awaited.add("/arm1/corrected/half_width")
 
     def home(self, is_homed=True):
         state = self.ros.stamped("crtk_msgs/OperatingState", 1.0)
