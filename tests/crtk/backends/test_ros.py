@@ -559,10 +559,10 @@ def test_a_link_that_stalls_has_time_to_take_set_points(monkeypatch, refusing, s
     While it is not heard, nothing says that it refuses them.
     """
     monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
-    robot = Stepped(monkeypatch, 1000.0, refusing, silent=silent)
+    robot = Stepped(monkeypatch, 250.0, refusing, silent=silent)
     with robot.arm() as arm:
         arm.move_jp(ROBOT.home + 0.3 * SHOULDER).wait()
-        robot.sleep(2e-3)  # the last one is taken by the next report
+        robot.sleep(5e-3)  # the last one is taken by the next report
         assert robot.setpoint == pytest.approx(ROBOT.home + 0.3 * SHOULDER, abs=1e-6)
     assert len(robot.refused) < 100  # and meanwhile nothing new is sent
 
@@ -589,7 +589,7 @@ def test_a_set_point_that_is_lost_is_sent_again(monkeypatch):
 
 def test_set_points_that_are_late_do_not_come_all_at_once(monkeypatch):
     """A robot that takes the newest one would leap: they follow each other no faster than 3/4."""
-    robot, sent = Stepped(monkeypatch, 1000.0), []
+    robot, sent = Stepped(monkeypatch, 250.0), []
     robot.readers["/arm1/servo_jp"].append(lambda message: sent.append(robot.t))
     taken = RosBackend._is_taken
 
@@ -611,7 +611,7 @@ def test_set_points_that_are_late_do_not_come_all_at_once(monkeypatch):
 @pytest.mark.parametrize("speed", [0.02, 2.0])
 def test_who_moves_the_arm_after_a_move_is_let_alone(monkeypatch, speed):
     monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
-    robot = Stepped(monkeypatch, 1000.0, hangs=0.004)
+    robot = Stepped(monkeypatch, 250.0, hangs=0.004)
     with robot.arm() as arm:
         arm.move_jp(ROBOT.home + 0.02 * SHOULDER).wait()
         robot.sleep(1.0)
@@ -640,7 +640,7 @@ def test_who_moves_the_arm_after_a_move_is_let_alone(monkeypatch, speed):
 def test_who_moves_the_arm_meanwhile_ends_the_motion(monkeypatch, turn, leaps, said):
     """However the other one moves it: its set-points need not stand still."""
     monkeypatch.setattr(ros, "_IN_FLIGHT", 0.1)
-    robot, goal = Stepped(monkeypatch, 1000.0), ROBOT.home + 0.5 * SHOULDER
+    robot, goal = Stepped(monkeypatch, 250.0), ROBOT.home + 0.5 * SHOULDER
     report, elbow = robot.report, np.eye(len(ROBOT.home))[1]
 
     def fought_for():
