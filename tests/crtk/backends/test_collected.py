@@ -9,7 +9,13 @@ from tests.local_ros import LocalRos
 import truejoint
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.crtk.backends import ros
-from truejoint.crtk.messages import JOINT_STATE, TRUTH_TOPIC, joint_state_fields, profile_of
+from truejoint.crtk.messages import (
+    JOINT_STATE,
+    STRING_STAMPED,
+    TRUTH_TOPIC,
+    joint_state_fields,
+    profile_of,
+)
 from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder
 from truejoint.simulation import make_twin
@@ -31,7 +37,9 @@ class ServedTwin(LocalRos):
         self.ticks = 0
         clock = {"monotonic": lambda: self.t, "perf_counter": lambda: self.t, "sleep": self.sleep}
         monkeypatch.setattr(ros, "time", SimpleNamespace(**clock))
+        self.state = "ENABLED"
         super().subscribe(f"{self.space}/servo_jp", JOINT_STATE, self.take)
+        super().subscribe(f"{self.space}/state_command", STRING_STAMPED, self.obey)
         self.publisher(TRUTH_TOPIC, JOINT_STATE)
 
     @property
@@ -55,6 +63,9 @@ class ServedTwin(LocalRos):
     def take(self, message):
         self.goal = np.array(message.position)
 
+    def obey(self, message):
+        self.state = {"pause": "PAUSED"}[message.string]
+
     def sleep(self, seconds):
         for _ in range(max(round(1e3 * seconds / PERIOD), 1)):
             self.ticks += PERIOD
@@ -64,7 +75,7 @@ class ServedTwin(LocalRos):
 
     def report(self, out):
         state = self.stamped("crtk_msgs/OperatingState", self.t)
-        state.state, state.is_homed = "ENABLED", True
+        state.state, state.is_homed = self.state, True
         self.send(f"{self.space}/operating_state", state)
         columns, robot = out.rows(slice(-1, None)).columns(), self.twin.robot
         setpoint = {"position": [columns[f"setpoint/{name}"] for name in robot.joint_names]}
