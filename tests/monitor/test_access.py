@@ -17,7 +17,6 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-from tests import chromium
 from tests.synthetic import build_recording
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -52,6 +51,13 @@ def view(pressed):
     view.show(None, Condition("ENABLED", "a secret of the arm"))
     view.draw()
     with contextlib.closing(view):
+        yield view
+
+
+@pytest.fixture(scope="module")
+def lasting():
+    """A page of an arm that stays open: what strangers send it is dealt with."""
+    with contextlib.closing(ArmView(get_robot("raven2"), print, host="127.0.0.1", port=0)) as view:
         yield view
 
 
@@ -163,9 +169,9 @@ def test_beyond_loopback_the_address_holds_a_token_and_only_pausing_is_offered(p
     ],
 )
 def test_every_answer_forbids_to_frame_and_no_request_leaves_a_traceback(
-    view, said, capfd, request_text, status
+    lasting, said, capfd, request_text, status
 ):
-    answer = _asked(view, request_text)
+    answer = _asked(lasting, request_text)
     assert answer.partition(" ")[2].startswith(status)
     for name, value in HEADERS.items() if status else ():
         assert f"{name}: {value}" in answer
@@ -189,10 +195,10 @@ def test_every_answer_forbids_to_frame_and_no_request_leaves_a_traceback(
     ],
     ids=itertools.count(),
 )  # fmt: skip
-def test_what_the_page_would_not_send_ends_the_connection_in_a_line(view, said, capfd, message):
+def test_what_the_page_would_not_send_ends_the_connection_in_a_line(lasting, said, capfd, message):
     for good in (CAMERA, UPDATE):
         check_message(msgspec.msgpack.encode(good))
-    with _connect(view) as stranger:
+    with _connect(lasting) as stranger:
         stranger.send(message)
         with contextlib.suppress(ConnectionClosed):
             for _ in stranger:  # what was under way until it is closed
@@ -200,7 +206,7 @@ def test_what_the_page_would_not_send_ends_the_connection_in_a_line(view, said, 
         assert stranger.protocol.close_code in {1008, 1009}
     _wait_for(lambda: len(said.records) == 1)
     assert "Traceback" not in said.text + "".join(capfd.readouterr())
-    with _connect(view) as again:
+    with _connect(lasting) as again:
         assert again.recv(timeout=20)
 
 
@@ -300,42 +306,39 @@ def evil():
     server.server_close()
 
 
-@pytest.mark.skipif(chromium.FOUND is None, reason="chromium is not installed")
-def test_pages_of_other_origins_neither_read_nor_press(view, pressed, evil, tmp_path):
+def test_pages_of_other_origins_neither_read_nor_press(view, pressed, evil, browser):
     port, uuid = urllib.parse.urlsplit(view.url).port, view.pause._impl.uuid
     press = list(msgspec.msgpack.encode({**UPDATE, "uuid": uuid}))
-    rules = "--host-resolver-rules=MAP *.example 127.0.0.1"
     opened = []
     view._server._websock_server.on_client_connect(opened.append)
-    with chromium.Chromium(tmp_path, flags=(rules,)) as browser:
-        browser.open(f"http://evil.example:{evil.server_port}/")
-        browser.until("document.title === 'evil'")
-        constants = (
-            f"const TARGET = '{view.url}/', SOCKET = '{view.url.replace('http', 'ws')}',"
-            f"PROTOCOL = '{SPOKEN[0]}', PRESS = new Uint8Array({press});"
-        )
-        attacks = ", ".join(ATTACKS.values())  # all at once
-        answers = browser.evaluate(f"(() => {{{constants} return Promise.all([{attacks}])}})()")
-        got = dict(zip(ATTACKS, answers, strict=True))
-        # A name that points at this computer now, and the page itself told to ask elsewhere.
-        browser.open(f"http://rebound.example:{port}/")
-        got["rebind"] = browser.until("document.body?.innerText")
-        assert got.pop("rebind").startswith("Refused: asked for by the name 'rebound.example'")
-        browser.open(f"{view.url}/?websocket=ws://evil.example:{evil.server_port}/")
-        browser.until("document.querySelectorAll('script').length > 1")
-        browser.evaluate("new Promise(r => setTimeout(r, 800))")
-        assert "websocket" not in evil.asked
-        assert opened == []  # so that no frame runs the page either
-        assert {name: text for name, text in got.items() if text} == {}
-        assert pressed.empty()
-        # The button does work for who opens the page.
-        browser.open(view.url)
-        browser.until("document.body?.innerText.includes('a secret of the arm')")
-        browser.evaluate(
-            "[...document.querySelectorAll('button')]"
-            ".find(b => b.innerText.trim() === 'Pause the arm').click()"
-        )
-        assert pressed.get(timeout=20) == "pause"
+    browser.open(f"http://evil.example:{evil.server_port}/")
+    browser.until("document.title === 'evil'")
+    constants = (
+        f"const TARGET = '{view.url}/', SOCKET = '{view.url.replace('http', 'ws')}',"
+        f"PROTOCOL = '{SPOKEN[0]}', PRESS = new Uint8Array({press});"
+    )
+    attacks = ", ".join(ATTACKS.values())  # all at once
+    answers = browser.evaluate(f"(() => {{{constants} return Promise.all([{attacks}])}})()")
+    got = dict(zip(ATTACKS, answers, strict=True))
+    # A name that points at this computer now, and the page itself told to ask elsewhere.
+    browser.open(f"http://rebound.example:{port}/")
+    got["rebind"] = browser.until("document.body?.innerText")
+    assert got.pop("rebind").startswith("Refused: asked for by the name 'rebound.example'")
+    browser.open(f"{view.url}/?websocket=ws://evil.example:{evil.server_port}/")
+    browser.until("document.querySelectorAll('script').length > 1")
+    browser.evaluate("new Promise(r => setTimeout(r, 800))")
+    assert "websocket" not in evil.asked
+    assert opened == []  # so that no frame runs the page either
+    assert {name: text for name, text in got.items() if text} == {}
+    assert pressed.empty()
+    # The button does work for who opens the page.
+    browser.open(view.url)
+    browser.until("document.body?.innerText.includes('a secret of the arm')")
+    browser.evaluate(
+        "[...document.querySelectorAll('button')]"
+        ".find(b => b.innerText.trim() === 'Pause the arm').click()"
+    )
+    assert pressed.get(timeout=20) == "pause"
 
 
 def test_a_host_that_is_no_name_is_refused():
