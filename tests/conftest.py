@@ -5,7 +5,8 @@ import os
 import shutil
 import signal
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import locate
 from truejoint.robots import get_robot
+from truejoint.simulation import Twin, TwinOutput
 
 # No example is a timing assertion: a first one compiles, and machines are busy. Examples are the
 # same in every run, so that what fails has been changed; others are what `make fuzz` is for.
@@ -153,8 +155,31 @@ def lagging_backend() -> LaggingBackend:
     return LaggingBackend(0.02)
 
 
+_HOMINGS: dict[str, tuple[list[TwinOutput], dict[str, Any]]] = {}
+
+
+def _home_as_before(twin: Twin) -> None:
+    """Let a twin that was just made home at once, if one just like it has homed: the same bits."""
+    how = type(twin), twin.robot.title, twin.seed, twin.load, twin.time, twin.parameters
+    key, homing = repr(how), twin.homing
+
+    def homing_again() -> Generator[TwinOutput]:
+        vars(twin).pop("homing")
+        if key not in _HOMINGS:
+            _HOMINGS[key] = list(homing()), deepcopy(vars(twin))
+        pieces, after = _HOMINGS[key]
+        kept = {"robot": twin.robot, "parameters": twin.parameters}
+        vars(twin).update(deepcopy(after) | kept)
+        yield from pieces
+
+    vars(twin)["homing"] = homing_again
+
+
 def homed(backend: Any) -> Arm:
     """Arm on a back end, enabled and homed."""
+    twin = getattr(backend, "twin", None)
+    if isinstance(twin, Twin) and twin.homing_count == 0 and "homing" not in vars(twin):
+        _home_as_before(twin)
     arm = Arm(backend)
     arm.enable()
     arm.home()

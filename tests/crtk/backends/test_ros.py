@@ -1,6 +1,7 @@
 """Tests of truejoint.crtk.backends.ros against truejoint.crtk.server: both ends of the topics."""
 
 import copy
+import itertools
 import logging
 import threading
 from collections import deque
@@ -43,7 +44,7 @@ class Served:
         self.server = ArmServer(self.arm, self.ros, profile, rate=200.0)
 
     def client(self, **options):
-        return Arm(RosBackend(self.ros, ROBOT, self.profile), **options)
+        return Arm(RosBackend(self.ros, ROBOT, self.profile, rate=250.0), **options)
 
     def say(self, name, kind="sensor_msgs/JointState", **values):
         message = self.ros.stamped(kind, self.ros.now())
@@ -168,9 +169,16 @@ def test_forces_are_recorded_beside_the_state(served, arm, monkeypatch):
 def test_what_cannot_be_recorded_beside_the_state_is_refused(
     served, arm, monkeypatch, topic, position, said
 ):
-    monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 0.5)
     monkeypatch.setitem(FORCES, "force_cmd", position)
     speaks(served, monkeypatch, (topic,) if position else ())
+    subscribe = served.ros.subscribe
+
+    def soon(name, *what, **how):
+        if name == topic == "/force_gauge":  # by now the state has been heard
+            monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 0.02)
+        return subscribe(name, *what, **how)
+
+    monkeypatch.setattr(served.ros, "subscribe", soon)
     with pytest.raises(RosError, match=said):
         Arm(RosBackend(served.ros, ROBOT, served.profile, beside=(topic,)), controls=False)
 
@@ -958,16 +966,15 @@ def quirky(monkeypatch):
         yield made
 
 
-@pytest.mark.parametrize(
-    "values", [[1e-4, *[0.0] * 14], [1e-4], [1e-4, *[0.0] * 6, *[np.nan] * 8]], ids=str
-)
-def test_ravens_controller_sends_more_values_than_joints_or_one(quirky, values):
+def test_ravens_controller_sends_more_values_than_joints_or_one(quirky):
     # uw-biorobotics/raven2_CRTK_Python_controller:python_controller/raven_py_controller.py sends
     # fifteen; uw-biorobotics/raven2, branch crtk, takes seven or more, or one.
-    quirky.say("servo_jr", position=list(values))
-    quirky.follow()
-    setpoint = quirky.arm.setpoint_js(LONG).position
-    assert setpoint == pytest.approx(ROBOT.home + 1e-4 * SHOULDER, abs=1e-9)
+    sent = [1e-4, *[0.0] * 14], [1e-4], [1e-4, *[0.0] * 6, *[np.nan] * 8]
+    for count, values in enumerate(sent, 1):
+        quirky.say("servo_jr", position=list(values))
+        quirky.follow()
+        setpoint = quirky.arm.setpoint_js(LONG).position
+        assert setpoint == pytest.approx(ROBOT.home + count * 1e-4 * SHOULDER, abs=1e-9)
 
 
 def test_a_set_point_that_comes_as_a_stream_ends_is_not_lost(quirky, monkeypatch):
@@ -990,19 +997,19 @@ def test_a_set_point_that_comes_as_a_stream_ends_is_not_lost(quirky, monkeypatch
     assert setpoint == pytest.approx(ROBOT.home + 2e-4 * SHOULDER, abs=1e-9)
 
 
-@pytest.mark.parametrize("joint", range(7))
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_each_key_of_ravens_controller_moves_its_joint(quirky, joint, sign):
+def test_each_key_of_ravens_controller_moves_its_joint(quirky):
     # A key is a burst of a hundred increments: 3 deg/s, 3 deg/s, 10 mm/s, else 10 deg/s, each for
     # 1 ms (python_controller/run_r2_keyboard_controller.py).
-    speed = np.array([*np.deg2rad([3.0, 3.0]), 0.01, *np.deg2rad([10.0] * 4)])[joint]
-    step = np.zeros(15)
-    step[joint] = sign * speed * 1e-3
-    for _ in range(100):
-        quirky.say("servo_jr", position=step.tolist())
-    quirky.follow()
-    moved = quirky.arm.setpoint_js(LONG).position - ROBOT.home
-    np.testing.assert_allclose(moved, 100 * step[:7], rtol=0, atol=1e-9)
+    speed, before = np.array([*np.deg2rad([3.0, 3.0]), 0.01, *np.deg2rad([10.0] * 4)]), ROBOT.home
+    for joint, sign in itertools.product(range(7), (1.0, -1.0)):
+        step = np.zeros(15)
+        step[joint] = sign * speed[joint] * 1e-3
+        for _ in range(100):
+            quirky.say("servo_jr", position=step.tolist())
+        quirky.follow()
+        after = quirky.arm.setpoint_js(LONG).position
+        np.testing.assert_allclose(after - before, 100 * step[:7], rtol=0, atol=1e-9)
+        before = after
 
 
 @pytest.mark.parametrize("values", [[1e-4] * 6, [np.nan, *[0.0] * 14], []], ids=str)
