@@ -38,7 +38,7 @@ def test_rest_before_and_after_is_exact():
     assert np.allclose(ends[2:], law.knots[-1], rtol=0, atol=1e-16)
 
 
-@given(arrays(float, (6, 3), elements=st.floats(-0.2, 0.2)))
+@given(arrays(float, (6, 3), elements=st.floats(-0.05, 0.05)))
 def test_speed_acceleration_and_hull_are_bounded(knots):
     law = time_law(knots, SPEED)
     path = law.at(np.arange(0.0, law.duration + 2e-3, 1e-3))

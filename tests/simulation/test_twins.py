@@ -1,6 +1,7 @@
 """What every digital twin does alike: shapes, seeds, pieces, time, going back, and refusals."""
 
 import math
+from copy import deepcopy
 from itertools import pairwise
 
 import numpy as np
@@ -40,9 +41,15 @@ def assert_same(output, other):
         )
 
 
-@pytest.fixture(params=["raven2", "dvrk_psm", "forceps", "wrist"])
+@pytest.fixture(params=["raven2", "dvrk_psm", "forceps", "wrist"], scope="module")
 def name(request):
     return request.param
+
+
+@pytest.fixture(scope="module")
+def whole(name):
+    """Twin that has moved, and what it reported; a test that goes on with it takes a copy."""
+    return moved(name)
 
 
 def test_every_twin_keeps_the_contract(name, tmp_path):
@@ -77,14 +84,13 @@ def test_a_robot_without_a_twin_is_refused():
         make_twin("kflex")
 
 
-def test_the_same_seed_gives_the_same_numbers_however_a_motion_is_cut(name):
-    whole, pieces = moved(name)[1], moved(name, cuts=CUTS)[1]
-    assert_same(whole, pieces)
-    assert not np.array_equal(whole.truth.position, moved(name, seed=4)[1].truth.position)
+def test_the_same_seed_gives_the_same_numbers_however_a_motion_is_cut(name, whole):
+    assert_same(whole[1], moved(name, cuts=CUTS)[1])
+    assert not np.array_equal(whole[1].truth.position, moved(name, seed=4)[1].truth.position)
 
 
-def test_a_twin_goes_back_to_what_was_noted(name):
-    twin, _ = moved(name)
+def test_a_twin_goes_back_to_what_was_noted(whole):
+    twin, _ = deepcopy(whole)
     back, time = twin.saved(), twin.time
     goal = np.tile(twin.robot.home, (300, 1))
     first = twin.run(goal)
@@ -93,8 +99,8 @@ def test_a_twin_goes_back_to_what_was_noted(name):
     assert_same(first, twin.run(goal))
 
 
-def test_time_passes_at_rest(name):
-    twin, out = moved(name)
+def test_time_passes_at_rest(whole):
+    twin, out = deepcopy(whole)
     twin.idle(3600.0)
     assert twin.time == pytest.approx(out.t[-1] + 3600.0, abs=2e-3)
     after = twin.run(np.tile(twin.robot.home, (5, 1)))

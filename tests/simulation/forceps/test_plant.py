@@ -170,7 +170,7 @@ def test_the_wheel_moves_as_on_paper(parameters):
 
 @pytest.mark.parametrize("parameters", [NOMINAL, specimen("A")])
 def test_a_short_run_agrees_with_an_adaptive_solver(parameters):
-    duration = 0.25
+    duration = 0.2
     goal = motor_goal(parameters, duration)
     grid = np.arange(goal.size) / 1000
     w, zeta = 2 * np.pi * 15.0, 0.9
