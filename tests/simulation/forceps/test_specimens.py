@@ -15,7 +15,8 @@ POPULATION = population(150, seed=11)
 
 def yielding(parameters, mass, direction="opposing"):
     """By how much the weight turns the jaw [deg], from before the hand to the end."""
-    test = LoadTest(mass, direction, loaded_from=20.0, loaded_to=22.0, end=24.0)
+    when = {"start": 0.5, "loaded_from": 6.0, "loaded_to": 8.0, "end": 10.0}
+    test = LoadTest(mass, direction, speed=math.radians(7.5), **when)
     run = simulate_forceps(parameters, test, seed=1, log_rate=50.0)
     before = run.joint[run.t < test.loaded_from, 0][-1]
     return math.degrees(run.joint[-1, 0] - before)
