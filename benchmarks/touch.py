@@ -108,7 +108,6 @@ def touched(
         hand = SimulatedHand(arm, *pose, seed=seed)
         pairs = zip(dimples, sides, strict=True)
         stamps = [hand.touch(block.points[n], side) for n, side in pairs]
-        hand.close()
     recording = recorder.recording()
     start = recording.provenance.start
     return recording, Touches(tuple(t - start for t in stamps), tuple(dimples))
