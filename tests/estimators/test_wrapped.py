@@ -119,8 +119,11 @@ def data():
     return X, y + rng.normal(0, 1e-5, y.shape)
 
 
-@pytest.mark.parametrize(("family", "regressor"), EVERY, ids=label)
-@pytest.mark.parametrize("n_outputs", [1, 2])
+@pytest.mark.parametrize(
+    ("family", "regressor", "n_outputs"),
+    [*((*one, 2) for one in EVERY), *((*one, 1) for one in EVERY[::4])],
+    ids=label,
+)
 def test_it_predicts_what_scikit_learn_does(family, regressor, n_outputs, data):
     X, y = data[0], data[1][:, :n_outputs]
     if n_outputs == 1 and not isinstance(regressor, (MultiOutputRegressor, RegressorChain)):
@@ -146,7 +149,7 @@ def fitted(regressor) -> Calibration:
 
 
 @pytest.mark.parametrize(("family", "regressor"), LOOP, ids=label)
-def test_a_file_gives_it_back_bit_for_bit(family, regressor, tmp_path):
+def test_a_file_gives_it_back_and_the_loop_runs_it_bit_for_bit(family, regressor, tmp_path):
     calibration = fitted(regressor)
     path = tmp_path / "model.safetensors"
     write_calibration(calibration, path)
@@ -155,15 +158,10 @@ def test_a_file_gives_it_back_bit_for_bit(family, regressor, tmp_path):
     last = regressor.steps[-1][1] if hasattr(regressor, "steps") else regressor
     assert again.estimator == calibration.estimator == type(last).__name__
     assert again.model.data.family == family
+    assert good_rows(calibration, TEST, calibration.correct(TEST), most=300) == 300
 
 
-@pytest.mark.parametrize(("family", "regressor"), LOOP, ids=label)
-def test_it_runs_in_the_loop_bit_for_bit(family, regressor):
-    calibration = fitted(regressor)
-    assert good_rows(calibration, TEST, calibration.correct(TEST)) > 300
-
-
-@pytest.mark.parametrize("regressor", [ensemble.RandomForestRegressor(20), OFFLINE[1]], ids=label)
+@pytest.mark.parametrize("regressor", [ensemble.RandomForestRegressor(5), OFFLINE[1]], ids=label)
 def test_it_is_judged_like_any_other(regressor):
     model = calibrate(build_recording(900), regressor, joints=["elbow"], random_state=1)
     test = build_recording(400, 1)
