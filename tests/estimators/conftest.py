@@ -1,13 +1,15 @@
 """Runs of a virtual forceps: calibration and verification as in yan2020, and an unloaded pair."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import TypeVar
 
 import numpy as np
 import pytest
-from tests.runtime.registered import forceps
+from tests.runtime.registered import forceps, model
 
+from truejoint.calibration import Calibration
 from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
@@ -59,6 +61,12 @@ def fitted(pair: Pair, model: Model) -> Model:
 @pytest.fixture(scope="session")
 def pair() -> Pair:
     return Pair(*forceps())
+
+
+@pytest.fixture(scope="session")
+def registered() -> Callable[[str], Calibration]:
+    """Give the calibration by a registered estimator, which is fitted once in a run."""
+    return model
 
 
 @cache

@@ -14,9 +14,8 @@ from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import Forceps
 
 
-def test_history_starts_anew_after_a_gap(pair):
-    calibration, verification = pair.recordings()
-    model = calibrate(calibration, "play_reset")
+def test_history_starts_anew_after_a_gap(pair, registered):
+    verification, model = pair.verification, registered("play_reset")
     rows = np.concatenate([np.arange(2000), np.arange(6000, 8000)])
     part = verification.rows(rows)
     whole = model.correct(part)
@@ -24,10 +23,10 @@ def test_history_starts_anew_after_a_gap(pair):
     assert np.array_equal(whole[2000:], again)
 
 
-def test_rows_without_truth_are_seen_but_not_fitted_to(pair):
+def test_rows_without_truth_are_seen_but_not_fitted_to(pair, registered):
     calibration, verification = pair.recordings()
     hole = changed(calibration, "truth/jaw", lambda y: np.where(np.arange(len(y)) % 2, np.nan, y))
-    full = calibrate(calibration, "play_reset").correct(verification)
+    full = registered("play_reset").correct(verification)
     half = calibrate(hole, "play_reset").correct(verification)
     assert 0.0 < np.abs(full - half).max() < np.radians(0.05)
     thin = calibrate(calibration, "play_reset", fit_rate=20.0).correct(verification)
@@ -116,9 +115,8 @@ def test_a_sensor_that_is_not_installed_is_refused(pair, name, column):
     refused(f"no cable/{column}; {name} reads .*install", calibrate, without, name)
 
 
-def test_a_filter_is_refused_at_another_rate(pair):
-    calibration, verification = pair.recordings()
-    slow = verification.rows(np.arange(0, len(verification), 4))
+def test_a_filter_is_refused_at_another_rate(pair, registered):
+    slow = pair.verification.rows(np.arange(0, len(pair.verification), 4))
     with pytest.raises(CalibrationError, match=r"a row every 0\.02 s, training every 0\.005 s"):
-        calibrate(calibration, "ukf_compensated").correct(slow)
-    calibrate(calibration, "play_gated").correct(slow)  # knows no rate
+        registered("ukf_compensated").correct(slow)
+    registered("play_gated").correct(slow)  # knows no rate

@@ -106,10 +106,10 @@ def test_filter_is_a_kalman_filter(pair):
     assert states.nis[-1] == pytest.approx(surprise @ np.linalg.solve(spread, surprise), rel=1e-6)
 
 
-def test_the_half_width_is_that_of_the_covariance(pair):
+def test_the_half_width_is_that_of_the_covariance(pair, registered):
     """Which an ordinary Kalman filter has, too: see above."""
     run = pair.verification
-    model = calibrate(pair.calibration, "ukf_compensated", target="position")
+    model = registered("ukf_compensated")
     corrector = Corrector(model, level=0.9)
     corrector.set_homing(True, run.provenance.homing_id)
     trace, filtered = corrector.run(run), model.model

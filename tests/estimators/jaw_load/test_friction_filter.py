@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, steps
 
-from truejoint.calibration import calibrate
 from truejoint.estimators import FrictionFilter
 from truejoint.estimators.jaw.signals import FLICKER, SLIDING
 from truejoint.estimators.jaw_load import run as friction_filter
@@ -115,11 +114,11 @@ def test_what_stands_hides_more_than_what_moves(pair, model):
     assert states.angle_deviation[still].max() < np.radians(0.3)
 
 
-def test_the_loop_tells_the_load(pair):
+def test_the_loop_tells_the_load(registered):
     """The same numbers, sample by sample, and OK under a load that training never saw."""
     test = LoadTest(0.2, "along")
     run = loaded_run(test)
-    calibration = calibrate(pair.calibration, FrictionFilter())
+    calibration = registered("ukf_friction")
     corrector = Corrector(calibration, level=0.9)
     corrector.set_homing(True, run.provenance.homing_id)
     trace = corrector.run(run)
