@@ -1,6 +1,7 @@
 """Several estimators as one: what it predicts, keeps, runs and refuses."""
 
 from functools import cache
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tests.estimators.motor_side.test_motor_side import recording as grasper_rec
 from tests.export.library import exported, needs_compiler
 from tests.export.library import good_rows as good_rows_in_c
 from tests.refusals import refused
-from tests.runtime.registered import good_rows
+from tests.runtime.registered import drawn, good_rows
 from tests.runtime.streams import recording, trained
 
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
@@ -27,6 +28,7 @@ from truejoint.estimators import (
 )
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.gp.learn import GaussianProcess
+from truejoint.estimators.network.learn import SequenceNetwork
 from truejoint.estimators.polynomial.run import of_degree
 from truejoint.estimators.stack.run import FAMILY
 from truejoint.estimators.wrapped import class_of
@@ -44,7 +46,12 @@ UNSEEN = recording(np.arange(0.0, 20.0, 1 / 30), seed=5)
 @cache
 def model() -> Calibration:
     """Two joints: the linear model for one, four of all kinds for the other."""
-    return trained(Stack(EVERY_KIND, WEIGHTS))
+    return learnt(Stack(EVERY_KIND, WEIGHTS))
+
+
+def learnt(estimator) -> Calibration:
+    with patch.object(SequenceNetwork, "_train", drawn):
+        return trained(estimator)
 
 
 def data(members, weights=(1.0,)) -> EstimatorData:
@@ -55,7 +62,7 @@ def data(members, weights=(1.0,)) -> EstimatorData:
 
 
 def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
-    alone = [trained(clone(one)).correct(UNSEEN) for one in EVERY_KIND]
+    alone = [learnt(clone(one)).correct(UNSEEN) for one in EVERY_KIND]
     expected = np.einsum("mnj,mj->nj", np.array(alone), np.array(WEIGHTS))
     found = model().correct(UNSEEN)
     np.testing.assert_array_equal(found[:, 0], alone[0][:, 0])
