@@ -82,7 +82,7 @@ def training(name: str) -> tuple[Recording, ...]:
     if "motor/jaw1" in inputs(name):
         return wrist()[:2]
     if "driver/jaw" in inputs(name):
-        return tuple(grasper_recording(seed) for seed in range(4))
+        return tuple(grasper_recording(seed, 12.0) for seed in range(4))
     return (forceps()[0],) if at_the_motor(name) else (streams.recording(streams.MINUTE),)
 
 
@@ -128,6 +128,7 @@ def model(name: str) -> Calibration:
     return calibration
 
 
+@cache
 def unseen(name: str) -> Recording:
     """Recording that the estimator was not fitted to, of the time step of its training."""
     if "motor/jaw1" in inputs(name):

@@ -73,8 +73,8 @@ def estimate(model, X, dt):
     )  # fmt: skip
 
 
-def recording(seed):
-    driver, torque, jaw, jaw_torque, _, t = joint(seed)
+def recording(seed, seconds=25.0):
+    driver, torque, jaw, jaw_torque, _, t = joint(seed, seconds)
     columns = {
         "t": t,
         "measured/jaw": 1.0 - 0.9 * driver,
@@ -194,8 +194,8 @@ def test_a_torque_in_another_unit_is_refused():
     refused("'truth_effort/jaw' is in N, and is learnt in Nm", calibrate, parts, "ukf_elastic")
 
 
-def test_from_recordings_to_a_model_file_and_back(tmp_path):
-    calibration = calibrate([recording(s) for s in range(4)], "ukf_elastic")
+def test_from_recordings_to_a_model_file_and_back(registered, tmp_path):
+    calibration = registered("ukf_elastic")
     unseen = recording(50)
     corrected = calibration.correct(unseen)
     error = corrected - unseen.columns("truth", ("jaw",))
