@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate
 from truejoint.crtk import BLEND, Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.errors import CalibrationError, CommandRefused
@@ -18,7 +17,7 @@ from truejoint.runtime import Compensator, Corrector, Status, compensation, loop
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ForcepsTwin
 
-from .registered import forceps
+from .registered import model as registered
 
 FORCEPS = get_robot("forceps")
 LAG = 0.0191  # of the nominal motor loop [s]
@@ -310,7 +309,7 @@ def doubting(lagging_arm, spans):
         def status(self, _):
             """Leave it to the spans."""
 
-    wanted = lagging_arm.robot.home[2] + np.linspace(0.0, 0.02, 12_000)
+    wanted = lagging_arm.robot.home[2] + np.linspace(0.0, 0.02, 9_000)
     return Compensator(Doubting(0.002), lagging_arm.robot, lag=0.02), wanted[:, None]
 
 
@@ -423,6 +422,7 @@ def test_before_the_joint_is_known_set_points_go_as_far_as_what_is_wanted():
     assert not compensator.knows_lost
 
 
+@pytest.mark.usefixtures("hasty")
 def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause(
     lagging_arm, monkeypatch
 ):
@@ -460,6 +460,7 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     assert shares[-1] == pytest.approx(1.0)
 
 
+@pytest.mark.usefixtures("hasty")
 def test_where_no_set_point_takes_the_joint_the_arm_is_stopped_and_why_is_said(lagging_arm):
     wanted = lagging_arm.robot.home.copy()
     wanted[2] = 0.55
@@ -468,6 +469,7 @@ def test_where_no_set_point_takes_the_joint_the_arm_is_stopped_and_why_is_said(l
     assert lagging_arm.operating_state().state == "PAUSED"
 
 
+@pytest.mark.usefixtures("hasty")
 def test_an_arm_whose_joints_are_not_known_is_not_taken_along(lagging_arm):
     told = Insertion(0.002, Status.HOMED_AGAIN)
     with pytest.raises(CommandRefused, match="not known where the joints are: HOMED_AGAIN"):
@@ -476,7 +478,7 @@ def test_an_arm_whose_joints_are_not_known_is_not_taken_along(lagging_arm):
 
 def test_the_jaw_follows_and_the_motor_does_not():
     """Specimen B on three seconds of (28): the loop leaves a tenth of what open loop misses."""
-    model = calibrate([forceps()[0]], "play_gated").without_redundant()
+    model = registered("play_gated").without_redundant()
     wanted = verification_trajectory().positions[:4000]
     errors = {}
     for loop in (False, True):
