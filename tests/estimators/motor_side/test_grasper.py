@@ -17,9 +17,9 @@ def folder():
 
 
 def test_a_load_that_it_never_saw(folder):
-    training = read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/1[02468]")
+    training = read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/1[048]")
     unseen = read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/15")[0]
-    calibration = calibrate(training, "ukf_elastic", fit_rate=40.0)
+    calibration = calibrate(training, "ukf_elastic", fit_rate=20.0)
     error = calibration.correct(unseen) - unseen.columns("truth", ("jaw",))
     rmse = np.degrees(np.sqrt(np.mean(error**2)))
     offset = calibration.baselines["offset"].correct(unseen) - unseen.columns("truth", ("jaw",))
