@@ -53,8 +53,8 @@ def test_the_row_is_the_forward_pass_of_torch(small, seed):
 @pytest.mark.parametrize("small", ALL, ids=lambda one: one.name)
 def test_training_errs_as_the_row_does(small):
     """Mean loss of a window that is the whole history is the error of the predictions."""
-    X, y = delayed(400)
-    model = clone(small).set_params(window=400, epochs=1, learning_rate=1e-9, weight_decay=0.0)
+    X, y = delayed(200)
+    model = clone(small).set_params(window=200, epochs=1, learning_rate=1e-9, weight_decay=0.0)
     model.fit(X, y)
     squares = (((y - model.predict(X)) / model.target_scale_) ** 2).mean(axis=0)
     assert model.loss_curve_[0] == pytest.approx(np.log(squares + FLOOR).mean(), abs=1e-4)
@@ -84,15 +84,15 @@ def test_without_torch_it_says_how_to_get_it(monkeypatch):
 )
 def test_it_learns_hysteresis(model):
     """A play operator on a motion of changing amplitude, which a line cannot follow."""
-    t = np.arange(4000) * 0.02
+    t = np.arange(2400) * 0.02
     X = (np.sin(2.0 * t) * np.sin(0.31 * t))[:, None]
-    y = np.zeros(4000)
-    for i in range(1, 4000):
+    y = np.zeros(2400)
+    for i in range(1, 2400):
         y[i] = np.clip(y[i - 1], X[i, 0] - 0.3, X[i, 0] + 0.3)
-    dt = np.full(1000, 0.02)
-    model = clone(model).fit(X[:3000], y[:3000], dt=np.repeat(dt, 3))
-    line = np.polynomial.Polynomial.fit(X[:3000, 0], y[:3000], 1)
-    errors = model.predict(X[3000:], dt) - y[3000:], line(X[3000:, 0]) - y[3000:]
+    dt = np.full(800, 0.02)
+    model = clone(model).fit(X[:1600], y[:1600], dt=np.repeat(dt, 2))
+    line = np.polynomial.Polynomial.fit(X[:1600, 0], y[:1600], 1)
+    errors = model.predict(X[1600:], dt) - y[1600:], line(X[1600:, 0]) - y[1600:]
     assert np.std(errors[0]) < 0.85 * np.std(errors[1])  # as the worst of them
     assert model.loss_curve_[-1] < model.loss_curve_[0] - 1.0
 
