@@ -78,6 +78,13 @@ def test_blocks_join_to_the_whole_law():
     assert whole[-1] == pytest.approx([0.9, 0.3, 0.05], abs=1e-15)
 
 
+def test_times_may_come_in_any_order():
+    law = random_law(4)
+    t = np.linspace(-1.0, law.duration + 1.0, 300)
+    mixed = np.random.default_rng(0).permutation(len(t))
+    assert np.array_equal(law.at(t[mixed]), law.at(t)[mixed])
+
+
 def test_hours_keep_precision():
     # Six hours of swings: integrals grow to 10^3 rad s, set-points stay exact to 1e-10 rad.
     times = np.arange(0.0, 6 * 3600.0, 10.0)

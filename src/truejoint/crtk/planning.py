@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.crtk.protocol import BLOCK_DURATION
 from truejoint.errors import CommandRefused
 
@@ -77,7 +78,8 @@ class TimeLaw:
     def at(self, t: ArrayLike) -> Array:
         """Positions (m, n_joints) [rad or m] at times (m,) [s]; at rest before and after."""
         now = np.asarray(t, dtype=float)
-        law = (self._integral_to(now) - self._integral_to(now - BLEND)) / BLEND
+        lines = self.times, self._centred, self._integral
+        law = (_integrals(now, *lines) - _integrals(now - BLEND, *lines)) / BLEND
         # An end that is a difference of integrals would be off by rounding.
         law[now <= 0.0] = 0.0
         law[now >= self.duration] = self._centred[-1]
@@ -89,16 +91,21 @@ class TimeLaw:
         for start in range(0, int(total), size):
             yield self.at(np.arange(start + 1, min(start + size, total) + 1) / rate)
 
-    def _integral_to(self, t: Array) -> Array:
-        """Integral (m, n_joints) of the centred lines from 0 to `t`, held beyond both ends."""
-        inside = np.clip(t, 0.0, self.times[-1])
-        i = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 2)
-        span = self.times[i + 1] - self.times[i]
-        part = (inside - self.times[i])[:, None]
-        a, b = self._centred[i], self._centred[i + 1]
-        here = a + (b - a) * part / span[:, None]
-        beyond = np.maximum(t - self.times[-1], 0.0)[:, None] * self._centred[-1]
-        return np.asarray(self._integral[i] + part * (a + here) / 2 + beyond)
+
+@compiled
+def _integrals(t: Array, times: Array, lines: Array, integral: Array) -> Array:
+    """Integral (m, n_joints) of the centred lines from 0 to `t`, held beyond both ends."""
+    out, i, last = np.empty((t.shape[0], lines.shape[1])), 0, times.shape[0] - 1
+    for row in range(t.shape[0]):
+        inside, beyond = min(max(t[row], 0.0), times[last]), max(t[row] - times[last], 0.0)
+        if not times[i] <= inside < times[i + 1]:
+            i = min(max(np.searchsorted(times, inside, side="right") - 1, 0), last - 1)
+        part, span = inside - times[i], times[i + 1] - times[i]
+        for k in range(lines.shape[1]):
+            here = lines[i, k] + (lines[i + 1, k] - lines[i, k]) * part / span
+            area = part * (lines[i, k] + here) / 2
+            out[row, k] = integral[i, k] + area + beyond * lines[last, k]
+    return out
 
 
 def time_law(knots: ArrayLike, speed: ArrayLike) -> TimeLaw:

@@ -8,7 +8,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
-from truejoint.crtk import Arm, SimulatedBackend
+from truejoint.crtk import BLOCK_DURATION, Arm, SimulatedBackend
 from truejoint.errors import StudyError
 from truejoint.estimators import Regressor
 from truejoint.evaluation.scoring import rmse
@@ -101,7 +101,9 @@ def part_for_each(
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
     """Arm of a specimen that was just switched on and homed, and the twin behind it."""
     twin = Raven2Twin(Raven2Parameters.from_dict(raven), seed=seed)
-    arm = Arm(SimulatedBackend(twin))
+    backend = SimulatedBackend(twin)
+    backend.stretch = BLOCK_DURATION  # nobody stops it on the way
+    arm = Arm(backend)
     arm.enable()
     arm.home()
     return arm, twin
