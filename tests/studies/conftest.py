@@ -84,6 +84,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
     options = (Option("count", 4, "parts", small=2), Option("scale", 1.0, "size"))
     study = Study("toy", "A toy & its <parts>", "toy2020", "toy_study", options)
     runner._digest_of.cache_clear()
+    runner._workers.cache_clear()  # which know another test's environment
     return Toy(study, tmp_path / "log", lambda text: monkeypatch.setenv("TOY_TROUBLE", text))
 
 

@@ -129,6 +129,16 @@ def test_a_worker_that_dies_costs_its_part(toy, tmp_path):
         assert np.array_equal(part.arrays["values"], pooled.parts[key].arrays["values"])
 
 
+def test_studies_share_their_workers(toy, monkeypatch):
+    pools, made = [], runner.ProcessPoolExecutor
+    monkeypatch.setattr(
+        runner, "ProcessPoolExecutor", lambda *how: pools.append(made(*how)) or pools[-1]
+    )
+    for seed in range(2):
+        assert run_study(toy.study, preset="small", seed=seed, jobs=2).computed == 2
+    assert len(pools) == 1
+
+
 def test_workers_that_die_again_and_again_are_given_up(toy, tmp_path, monkeypatch):
     monkeypatch.setattr("truejoint.studies.runner._POOLS", 1)
     toy.trouble("kill@0")

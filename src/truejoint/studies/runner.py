@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 Outcome = PartResult | TruejointError
 
 _POOLS: Final = 3  # how often workers may die before it is given up
+# Of all studies that run one after the other: a process takes as long to begin as a small part.
+_workers: Final = cache(lambda n: ProcessPoolExecutor(n, get_context("spawn"), _begin_worker))
 _ROWS: Final = "rows"
 _SOURCES: Final = "sources"
 _PACKAGE: Final = Path(truejoint.__file__).parent
@@ -197,13 +199,14 @@ def _computed(
 
 
 def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[tuple[Part, Outcome]]:
-    with ProcessPoolExecutor(min(jobs, len(parts)), get_context("spawn"), _begin_worker) as pool:
-        futures = {pool.submit(compute, part): part for part in parts}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:  # after Ctrl-C, what has not begun shall not
-            pool.shutdown(wait=False, cancel_futures=True)
+    try:
+        futures = {_workers(jobs).submit(compute, part): part for part in parts}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BaseException:  # after Ctrl-C, what has not begun shall not; the dead do nothing more
+        _workers(jobs).shutdown(wait=False, cancel_futures=True)
+        _workers.cache_clear()
+        raise
 
 
 def _begin_worker() -> None:
