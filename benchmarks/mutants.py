@@ -63,9 +63,11 @@ MIRRORS = {
     "calibration/model_file": ("tests/calibration/test_model_file.py",),
     "calibration/interval": ("tests/calibration/test_conformal.py",),
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
-    "calibration/compatibility": ("tests/calibration/test_zero.py",),
-    "calibration/efforts": ("tests/calibration/test_zero.py",),
-    "calibration/fit_task": ("tests/calibration/test_zero.py",),
+    "calibration/compatibility": ("tests/calibration/test_truth_zero.py",),
+    "calibration/efforts": ("tests/calibration/test_truth_zero.py",),
+    "calibration/potentiometers": ("tests/calibration/test_potentiometer_zero.py",),
+    "calibration/zero": ("tests/calibration/test_truth_zero.py",),
+    "calibration/fit_task": ("tests/calibration/test_truth_zero.py",),
 }
 """Tests of a module beside those of its own name."""
 LONGEST = 120  # s of processor time

@@ -40,7 +40,7 @@ LONGEST = (
     "estimators/test_contract", "crtk/backends/test_ros", "recordings/test_hostile",
     "tip/test_faults", "simulation/raven2/test_twin", "runtime/test_registered",
     "studies/forceps/test_experiments", "studies/raven2/test_experiments", "test_lab_day",
-    "export/test_registered_c", "cli/test_dvrk", "test_first_hours", "calibration/test_zero",
+    "export/test_registered_c", "cli/test_dvrk", "test_first_hours", "calibration/test_truth_zero",
     "test_readme", "export/test_self_check", "calibration/test_cross_conformal",
     "calibration/test_choose", "test_examples", "estimators/network/test_sequence",
     "monitor/test_pages", "test_plugins", "cli/test_teleop", "recordings/judge/test_positions",

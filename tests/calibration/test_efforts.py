@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from truejoint.calibration import baseline_fit, calibrate
 from truejoint.calibration.baseline_fit import MAX_JOINTS, residual_baseline, residual_statistics
-from truejoint.calibration.efforts import count_effort_terms, effort_steps, effort_terms
+from truejoint.calibration.efforts import (
+    count_effort_terms,
+    effort_steps,
+    effort_terms,
+    time_in_motion,
+)
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 
@@ -159,3 +164,25 @@ def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration)
     for none in (at_rest, replace(rows, joints=("elbow",) * (MAX_JOINTS + 1))):
         assert residual_baseline(calibration, [none]) is None
     assert len(get_robot("kuka_kr300").joints) <= MAX_JOINTS
+
+
+def test_a_joint_rests_where_it_takes_long_for_a_step():
+    """By the definition, sample by sample, in plain Python."""
+    t = np.cumsum(np.random.default_rng(0).uniform(0.02, 0.2, 300))
+    t[150:] += 7.0  # nobody looked, and it is elsewhere then
+    speed = np.select([t < 5.0, t < 10.0, t < 20.0], [0.0, 1.0, 0.05], 0.7)
+    position = np.cumsum(speed * np.diff(t, prepend=0.0))
+    step, expected, at, since, total = 0.05, [], position[0], t[0], 0.0
+    for i in range(300):
+        if abs(position[i] - at) >= step:
+            total += min(t[i] - since, max(0.5, t[i] - t[i - 1]))
+            at, since = position[i], t[i]
+        expected.append(total)
+    both = np.column_stack([position, np.where(np.arange(300) % 2, 0.04, 0.0)])
+    found = time_in_motion(t, both, np.array([step, step]))
+    np.testing.assert_allclose(found[:, 0], expected, rtol=1e-12)
+    assert not found[:, 1].any()  # it flickers within a step
+    assert found[t < 5.0, 0].max() == 0.0
+    assert found[-1, 0] < 0.9 * (t[-1] - 5.0)  # at 0.05 it takes a second for a step: half counts
+    every = time_in_motion(t, both, np.zeros(2))
+    np.testing.assert_allclose(every, np.column_stack([t - t[0]] * 2), rtol=1e-12)
