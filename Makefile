@@ -4,6 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO := demo
 FUZZ_MINUTES ?= 5
+# Python keeps the bytecode of what it imports. To compile all that is installed takes pip as long as
+# to install it.
+export PYTHONDONTWRITEBYTECODE :=
+INSTALL := install --quiet --disable-pip-version-check --no-compile
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint record pictures results site bench fuzz wheel sbom audit lock clean
@@ -16,9 +20,9 @@ demo: $(VENV)/.installed ## Calibrate a simulated RAVEN-II from homing to report
 
 # A process for each core, and one thread in each: more would wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
-# Python is started a hundred times: its bytecode is kept. tests/conftest.py orders the files.
+# tests/conftest.py orders the files.
 test: $(VENV)/.installed-dev ## Run the test suite
-	PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/.installed-dev ## Check style, types and which package imports which
 	$(BIN)/ruff check .
@@ -57,8 +61,8 @@ wheel: $(VENV)/.installed ## Build wheel and sdist, and run the first hours of t
 	rm -rf dist/*.whl dist/*.tar.gz $(FRESH)
 	$(BIN)/python -m hatchling build -d dist
 	$(PYTHON) -m venv $(FRESH)
-	$(FRESH)/bin/pip install --quiet --disable-pip-version-check -r requirements-dev.txt
-	$(FRESH)/bin/pip install --quiet --disable-pip-version-check --no-deps dist/*.whl
+	$(FRESH)/bin/pip $(INSTALL) -r requirements-dev.txt
+	$(FRESH)/bin/pip $(INSTALL) --no-deps dist/*.whl
 	cd $(FRESH) && bin/python -c "import truejoint as t; assert 'site-packages' in t.__file__, t.__file__"
 	$(ONE_THREAD) $(FRESH)/bin/python -m pytest tests/test_first_hours.py
 
@@ -93,26 +97,26 @@ $(VENV)/bin/pip:
 
 $(VENV)/.installed: requirements.txt pyproject.toml | $(VENV)/bin/pip
 	@echo "Installing the pinned packages (about a minute) ..."
-	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements.txt
-	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@$(BIN)/pip $(INSTALL) -r requirements.txt
+	@$(BIN)/pip $(INSTALL) --no-deps --no-build-isolation -e .
 	@touch $@
 
 $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 	@echo "Installing the pinned development packages ..."
-	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	@$(BIN)/pip $(INSTALL) -r requirements-dev.txt
 	@touch $@
 
 $(VENV)/.installed-bench: requirements-bench.txt $(VENV)/.installed-dev
 	@echo "Installing the pinned peers to compare with ..."
-	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-bench.txt
+	@$(BIN)/pip $(INSTALL) -r requirements-bench.txt
 	@touch $@
 
 $(VENV)/.installed-site: requirements-site.txt $(VENV)/.installed-dev
 	@echo "Installing the pinned site builder ..."
-	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-site.txt
+	@$(BIN)/pip $(INSTALL) -r requirements-site.txt
 	@touch $@
 
 $(VENV)/.installed-audit: requirements-audit.txt $(VENV)/.installed-dev
 	@echo "Installing what looks at the packages ..."
-	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-audit.txt
+	@$(BIN)/pip $(INSTALL) -r requirements-audit.txt
 	@touch $@
