@@ -210,3 +210,14 @@ def test_a_stop_is_told_from_a_saturated_sensor(healthy, push, noise, share):
     assert not gross_outliers(spoilt, "elbow")[0][beyond].any()
     if kind == "stop":
         assert not check.failed
+
+
+def test_a_burst_is_found_wherever_it_begins(recording_of):
+    """The truth scatters: what comes back from 0.4 rad need not come back to just where it left."""
+    for seed in (0, 1):
+        recording = recording_of("raven2", seed=seed, seconds=40, load=0.0)
+        for first in range(100, 1100, 100):
+            rows = list(range(first, first + 3))
+            ill = in_first([recording], truth__elbow=added(rows, 0.4))
+            (mask,) = gross_outliers(ill, "elbow")
+            assert np.flatnonzero(mask).tolist() == rows

@@ -165,6 +165,7 @@ _STEP_OF_SLOW: Final = 8.0  # where rows are far apart, honest ones step too
 _USUAL: Final = 0.95  # of the steps are honest: few rows a stroke turn at once
 _USUAL_STEPS: Final = 2.0  # of the largest of those
 _BACK: Final = 0.7  # of that step, from where it left
+_NEARLY_BACK: Final = 0.1  # of a step as large as it was, where that is more: rows scatter
 _NEAR: Final = 10  # rows that show the level on either side of a step that stays
 _LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s, and a step that stays at least
 FEWEST: Final = 50  # rows with truth of which something can be said
@@ -265,7 +266,8 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
         if before < judged:
             continue
         behind = level[before + 1 : before + 2 + longest]
-        back = np.flatnonzero(np.abs(behind - level[before]) < _BACK * limit)
+        nearly = max(_BACK * limit, _NEARLY_BACK * abs(step[before]))
+        back = np.flatnonzero(np.abs(behind - level[before]) < nearly)
         if len(back) and far[before + back[0]]:
             judged = before + int(back[0]) + 1
             bad[before + 1 : judged] = True
