@@ -58,7 +58,7 @@ on_ros_1 = pytest.mark.parametrize("version", [ROS_1], indirect=True)
 
 @pytest.fixture(scope="module", params=[ROS_1, 2])
 def version(request) -> int:
-    """Of the ROS that the day is spent on."""
+    """Number of the ROS that the day is spent on."""
     return int(request.param)
 
 
@@ -215,13 +215,12 @@ def recorded(
     version: int, robot: Arm, path: Path, truejoint_: Callable[..., str]
 ) -> Iterator[None]:
     """Keep what is published meanwhile: by ROS 1's own tool, or by the arm's recorder."""
-    topics = [f"/arm1/{name}" for name in TOPICS] + [TRUTH_TOPIC]
     if version == 2:
         with Recorder(robot, state_rate=100.0) as recorder:
             yield
         truejoint.write_parquet(recorder.recording(), path)
         return
-    bag = path.with_suffix(".bag")
+    bag, topics = path.with_suffix(".bag"), [*(f"/arm1/{name}" for name in TOPICS), TRUTH_TOPIC]
     with program("rosbag", "record", "-O", bag, *topics):
         wait_for_readers(topics)
         yield

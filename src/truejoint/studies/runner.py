@@ -199,12 +199,13 @@ def _computed(
 
 
 def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[tuple[Part, Outcome]]:
+    pool = _workers(jobs)
     try:
-        futures = {_workers(jobs).submit(compute, part): part for part in parts}
+        futures = {pool.submit(compute, part): part for part in parts}
         for future in as_completed(futures):
             yield futures[future], future.result()
     except BaseException:  # after Ctrl-C, what has not begun shall not; the dead do nothing more
-        _workers(jobs).shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
         _workers.cache_clear()
         raise
 
