@@ -39,6 +39,7 @@ def test_a_case_gets_no_file_that_others_need(seeds, tmp_path):
 TAKE_A_PATH = (
     truejoint.read_recording,
     truejoint.recordings.detect_format,
+    truejoint.recordings.read_bag,
     truejoint.recordings.read_truth,
     truejoint.recordings.read_track,
     lambda name: truejoint.simulation.make_twin("raven2", parameters=name),

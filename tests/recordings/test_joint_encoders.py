@@ -1,5 +1,6 @@
-"""Tests of truejoint.recordings.joint_encoders, over a real pseudo-terminal."""
+"""Tests of truejoint.recordings.joint_encoders: a real pseudo-terminal, and its node on a ROS."""
 
+import logging
 import os
 import pty
 import threading
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.local_ros import LocalRos
 
+from truejoint.crtk.messages import PROFILES, TRUTH_TOPIC, joint_state_columns
 from truejoint.errors import RecordingError
-from truejoint.recordings.joint_encoders import JointEncoders
+from truejoint.recordings.joint_encoders import EncoderNode, JointEncoders
 from truejoint.robots import get_robot
 
-JOINT_ENCODERS = get_robot("raven2").encoders
+ROBOT = get_robot("raven2")
+JOINT_ENCODERS = ROBOT.encoders
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 
@@ -43,24 +47,6 @@ def line():
     one.close()
 
 
-class Until:
-    """Blocks of a sensor, and waiting for so many of them."""
-
-    def __init__(self, sensor):
-        self.blocks, self.more = [], threading.Condition()
-        sensor.subscribe(self)
-
-    def __call__(self, block):
-        with self.more:
-            self.blocks.append(block)
-            self.more.notify_all()
-
-    def wait(self, count):
-        with self.more:
-            assert self.more.wait_for(lambda: len(self.blocks) >= count, 60.0)
-        return self.blocks
-
-
 def reached(condition):
     """Wait until a condition of the reading thread holds."""
     pause = threading.Event()
@@ -74,7 +60,8 @@ def reached(condition):
 def test_counts_become_positions_once_registered(line):
     ticks = iter(np.arange(10000) * 0.01)
     with JointEncoders(line.port, JOINT_ENCODERS, clock=lambda: next(ticks)) as encoders:
-        told = Until(encoders)
+        blocks = []
+        encoders.subscribe(blocks.append)
         line.send("100_200_300\n")  # before the registration: no position
         reached(lambda: encoders.messages == 1)
         encoders.start_registration()
@@ -87,7 +74,8 @@ def test_counts_become_positions_once_registered(line):
         zero = encoders.register()
         assert zero == pytest.approx([5000, 9000, 7000], abs=5)
         line.send("4000_8000_5000\r\n")
-        block = told.wait(1)[0]
+        reached(lambda: blocks)
+    (block,) = blocks
     stops = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
     steps = np.array([encoder.resolution for encoder in JOINT_ENCODERS])
     moved = np.array([1000, -1000, -2000]) + np.array([1, -1, -1]) * (zero - [5000, 9000, 7000])
@@ -103,15 +91,6 @@ def test_garbage_and_half_lines_are_left_out(line):
         line.send(b"_9\n\xff\x00garbage\n1_2\n1_2_3_4\n99999999999_1_1\n\n3_4_5\n")
         reached(lambda: encoders.messages == 2)
         assert encoders.garbage == 5
-
-
-def test_a_line_without_end_is_given_up(line):
-    with JointEncoders(line.port, JOINT_ENCODERS) as encoders:
-        for _ in range(10):
-            line.send(b"1" * 500)
-        reached(lambda: encoders.garbage >= 1)
-        line.send(b"\n1_2_3\n")
-        reached(lambda: encoders.messages == 1)
 
 
 def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
@@ -156,11 +135,14 @@ def test_a_port_or_encoders_that_are_not_there_are_refused(tmp_path):
 
 
 @given(st.lists(st.binary(max_size=20), max_size=20))
-def test_no_bytes_break_a_parser(pieces):
+def test_no_bytes_break_a_parser_and_a_line_without_end_is_given_up(pieces):
     sensor = JointEncoders("none", JOINT_ENCODERS)
-    for piece in pieces:
+    for piece in (*pieces, b"1" * 5000):
         sensor._take(piece)
-    assert len(sensor._waiting) <= 4096
+    assert not sensor._waiting
+    before = sensor.messages
+    sensor._take(b"\n1_2_3\n")
+    assert sensor.messages == before + 1
 
 
 def read_into_a_full_disk(line, raised=None):
@@ -181,3 +163,69 @@ def test_what_a_listener_raises_is_raised_on_leaving(line):
         read_into_a_full_disk(line)
     with pytest.raises(KeyError):  # what ended the block goes before
         read_into_a_full_disk(line, KeyError())
+
+
+TOWARDS = np.array([e.direction * (1 if e.end == "upper" else -1) for e in JOINT_ENCODERS])
+
+
+@pytest.fixture
+def node():
+    ros = LocalRos()
+    encoders = JointEncoders("loop://", JOINT_ENCODERS, clock=ros.now)
+    with EncoderNode(ros, encoders, ROBOT, "raven2") as made:
+        yield ros, encoders, made
+
+
+def say(ros, **state):
+    message = ros.stamped("crtk_msgs/operating_state", ros.now())
+    vars(message).update(state)
+    ros.send("/arm1/operating_state", message)
+
+
+def send(encoders, *rows):
+    for row in rows:
+        encoders._take(("_".join(map(str, row)) + "\n").encode())
+
+
+def test_it_registers_while_the_arm_homes_and_publishes_from_the_drivers_zero(node):
+    ros, encoders, made = node
+    out = []
+    ros.subscribe(TRUTH_TOPIC, "sensor_msgs/JointState", out.append)
+    send(encoders, (0, 0, 0))
+    assert not out
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)
+    send(encoders, (0, 0, 0), 1000 * TOWARDS, -500 * TOWARDS)
+    say(ros, state="ENABLED", is_homed=True, is_busy=False)
+    send(encoders, -500 * TOWARDS)
+    assert made.published == len(out) == 1
+    fields = {"position": np.array([out[0].position])}
+    columns = joint_state_columns(ROBOT, "truth", [], fields, PROFILES["raven2"])
+    truth = [columns[f"truth/{joint}"][0] for joint in ROBOT.positioning]
+    for encoder, position in zip(JOINT_ENCODERS, truth, strict=True):
+        # The joint goes to its stop and 1500 counts away from it; the stop is where it is known.
+        away = -1.0 if encoder.end == "upper" else 1.0
+        assert position == pytest.approx(encoder.hard_stop + away * 1500 * encoder.resolution)
+    assert out[0].header.stamp > 1e9
+
+
+def test_a_homing_that_was_stopped_is_registered_anew(node):
+    ros, encoders, made = node
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)
+    send(encoders, 9000 * TOWARDS)  # before somebody stopped it
+    say(ros, state="PAUSED", is_homed=False, is_busy=False)
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)
+    send(encoders, (0, 0, 0), 1000 * TOWARDS)
+    say(ros, state="ENABLED", is_homed=True, is_busy=False)
+    assert encoders._zero == pytest.approx(1000 * TOWARDS)
+    assert not made.published
+
+
+def test_a_registration_that_fails_is_said_and_nothing_is_published(node, caplog):
+    ros, encoders, made = node
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)
+    send(encoders, (0, 0, 0), (0, 0, 0))
+    with caplog.at_level(logging.WARNING):
+        say(ros, state="ENABLED", is_homed=True, is_busy=False)
+    assert "did not move during the homing" in caplog.text
+    send(encoders, (5, 5, 5))
+    assert not made.published

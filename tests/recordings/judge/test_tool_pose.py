@@ -100,4 +100,6 @@ def test_the_bag_of_a_real_arm_agrees():
     recording = read_bag(bag, "dvrk_psm")
     finding = judge_tool_pose(recording, read_tool_poses(bag, recording))
     assert finding.level == "good"
+    assert len(recording) > 3400
+    assert recording.joints_of("setpoint") == recording.joints_of("effort") == recording.joints
     assert float(finding.what.split(" mm")[0].rpartition(" ")[2]) < 0.05

@@ -1,7 +1,6 @@
-"""Column maps of the public data sets, on files made up for the tests and on the data itself."""
+"""Column maps of the public data sets, on files made up for the tests."""
 
 import gzip
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import scipy.io
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import Recording, read_recording
-from truejoint.recordings.datasets import DATASETS, read_dataset
+from truejoint.recordings.datasets import DATASETS
 from truejoint.robots import get_robot
 
 GRASPER_HEADER = (
@@ -176,52 +175,3 @@ def test_a_folder_of_arrays(tmp_path):
         read_recording(tmp_path)
     with pytest.raises(RecordingError, match=r"q_act.npy: there is no such file"):
         read("dvrk_psm_berkeley", tmp_path)
-
-
-@pytest.fixture
-def real(dataset_folder) -> Callable[..., list[Recording]]:
-    """Recordings of a data set, or a skip where there is no copy of it."""
-    return lambda name, pattern="*": [dataset_folder(name), *read_dataset(name, pattern)][1:]
-
-
-def test_grasper_data(real):
-    for recording in real("davinci_grasper_umn", "Tool_4_Maryland_L_4/[03]5"):
-        assert 19900 < len(recording) < 20010
-        assert np.allclose(np.diff(recording.t), 1e-3, atol=1e-9)
-        assert "times a nominal ratio" in recording.provenance.notes
-        # A fixed offset leaves 1-2 deg in each file; the nominal zero is off by a few more.
-        error = np.rad2deg(recording.error(["jaw"])[:, 0])
-        assert 0.8 < error.std() < 2.0
-        assert abs(error.mean()) < 6.0
-        # The motor turns against the spindle, 35 times as fast, and ropes stretch between.
-        slope = np.polyfit(recording.column("driver/jaw"), recording.column("motor/jaw"), 1)[0]
-        assert slope == pytest.approx(-35.0, rel=0.03)
-
-
-def test_dvrk_data(real):
-    random, _ = real("dvrk_psm_berkeley")
-    assert len(random) == 5531
-    spread = random.error(DVRK).std(axis=0)
-    # The first two joints and the insertion are good, the wrist is off by ten degrees.
-    assert (spread[:3] < [np.deg2rad(0.2), np.deg2rad(0.2), 1e-3]).all()
-    assert (spread[4:] > np.deg2rad(8.0)).all()
-
-
-def test_data_of_dual_encoders(real):
-    for recording in real("bros_dual_encoder"):
-        # The ratio is right: what is left of the motor angle in the error is cable, 0.2 deg.
-        assert (np.rad2deg(recording.error(("joint1", "joint2")).std(axis=0)) < 0.3).all()
-    for recording in real("kuka_kr300_dual_encoder"):
-        assert len(recording) == 2501
-        assert recording.provenance.homing_id == recording.provenance.session
-        error = np.rad2deg(recording.error(("axis1", "axis2", "axis3")))
-        assert (error.std(axis=0) < 0.05).all()
-        assert (np.abs(error.mean(axis=0)) < 0.2).all()
-
-
-def test_kflex_data(real):
-    recordings = {r.provenance.session: r for r in real("kflex_tendon_sheath")}
-    assert recordings["conf0_60"].provenance.dropped == {"repeated time stamp": 7041}
-    # The more the sheath bends, the less of the motion arrives.
-    travel = [np.ptp(recordings[a].column("truth/bend")) for a in ("0", "60", "120", "180", "240")]
-    assert (np.diff(travel) < 0).all()
