@@ -131,7 +131,6 @@ def run(*words: object) -> tuple[int, str]:
 @cache
 def commands() -> dict[str, Any]:
     """Every command by the words that call it."""
-
     return {name: command(name) for name in COMMANDS if name not in LEFT_OUT}
 
 
@@ -142,7 +141,6 @@ class Draw:
         self.rng = np.random.default_rng([seed, number])
         self.seeds = sorted(seeds.iterdir())
         self.folder = folder
-        self.covered: set[str] = set()  # what this case tries
 
     def chance(self, share: float) -> bool:
         """Be true that often."""
@@ -190,7 +188,6 @@ class Draw:
         odd = self.one(ODD_NAMES) if self.chance(0.2) else str(self.rng.integers(10))
         path = self.folder / f"{odd}{seed.name}"
         source = seed if seed.exists() else self.one(self.seeds)
-        self.covered.add(f"file {source.name}")
         path.write_bytes(self.damaged(source.read_bytes()))
         return str(path)
 
@@ -224,7 +221,6 @@ class Draw:
     def call(self) -> list[str]:
         """Draw a command with its words."""
         name = self.one(sorted(commands()))
-        self.covered.add(f"line {name}")
         words = name.split()
         options = []
         for parameter in commands()[name].params:
@@ -233,7 +229,6 @@ class Draw:
                 count = 1 if parameter.nargs == 1 else int(self.rng.geometric(0.7))
                 words += [self.file() for _ in range(count)]
             elif parameter.required or option == "--out" or self.chance(0.12):
-                self.covered.add(f"option {name} {option}")
                 options += [option] if parameter.is_flag else [option, self.value(option)]
         if name == "calibrate":
             options += ["-e", self.one(("offset", "linear", "poly2"))]
@@ -241,17 +236,15 @@ class Draw:
 
 
 class Case(NamedTuple):
-    """What a case is in words, what raises if it goes wrong, and what it covers."""
+    """What a case is in words, and what raises if it goes wrong."""
 
     what: str
     run: Callable[[], None]
-    covered: set[str]
 
 
-def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+def command_case(draw: Draw) -> Case:
     """Give a command that must end well or refuse in a line."""
     words = draw.call()
-
     limit = max((s for name, s in STOPPED.items() if words[:1] == name.split()[:1]), default=0.0)
 
     def case() -> None:
@@ -266,7 +259,7 @@ def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
         if "--json" in words and code in {0, 1} and not limit:
             check_values(words, said)
 
-    return f"truejoint {words!r}", case
+    return Case(f"truejoint {words!r}", case)
 
 
 def check_values(words: list[str], said: str) -> None:
@@ -328,11 +321,10 @@ def functions() -> dict[str, Callable[..., Any]]:
     return found
 
 
-def function_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+def function_case(draw: Draw) -> Case:
     """Give a call of a public function that must work or say no as this project or Python does."""
     name = draw.one(sorted(functions()))
     function = functions()[name]
-    draw.covered.add(f"function {name}")
     values = {}
     for parameter, (how, needed) in draws_of(function).items():
         if how and (needed or draw.chance(0.3)):
@@ -343,10 +335,10 @@ def function_case(draw: Draw) -> tuple[str, Callable[[], None]]:
         with contextlib.suppress(*refused), contextlib.redirect_stdout(io.StringIO()):
             function(**values)
 
-    return f"{name}({str(values)[:600]})", case
+    return Case(f"{name}({str(values)[:600]})", case)
 
 
-def message_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+def message_case(draw: Draw) -> Case:
     """Give messages of ROS, as they arrive, that must become columns or be refused."""
     robot = truejoint.get_robot(draw.one(("raven2", "dvrk_psm", "davinci_grasper")))
     profile = PROFILES[draw.one(sorted(PROFILES))]
@@ -357,27 +349,25 @@ def message_case(draw: Draw) -> tuple[str, Callable[[], None]]:
         name: np.full((rows, draw.one((0, count, count + 1))), draw.number())
         for name in ("position", "velocity", "effort")
     }
-    draw.covered.add(f"message {quantity}")
 
     def case() -> None:
         with contextlib.suppress(TruejointError):
             columns = joint_state_columns(robot, quantity, names, fields, profile)
             assert all(values.shape == (rows,) for values in columns.values())
 
-    return f"{robot.name} {quantity} {names!r:.200} {profile}"[:600], case
+    return Case(f"{robot.name} {quantity} {names!r:.200} {profile}"[:600], case)
 
 
-def frame_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+def frame_case(draw: Draw) -> Case:
     """Give a thousand frames, damaged ones of the page's own, that pass or end the connection."""
     frames = [draw.damaged(draw.one(FRAMES)) for _ in range(1000)]
-    draw.covered.add("frames")
 
     def case() -> None:
         for frame in frames:
             with contextlib.suppress(ValueError):
                 check_message(frame)
 
-    return f"frames {frames[0]!r:.200} ...", case
+    return Case(f"frames {frames[0]!r:.200} ...", case)
 
 
 @cache
@@ -403,14 +393,13 @@ def read_way(path: Path, good: Path, _: Any) -> None:
     assert "hash" in way.meta.get("notes", "") or np.array_equal(way.positions, whole.positions)
 
 
-def value_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+def value_case(draw: Draw) -> Case:
     """Give a damaged file whose numbers must be those of others' readers or of before, or none."""
     signed = {seed.name: seed for seed in draw.seeds if seed.suffix in (".safetensors", ".csv")}
     kind = draw.one((*contents(), "linear.safetensors", "zigzag.csv"))
     content = contents()[kind] if kind in contents() else signed[kind].read_bytes()
     path = draw.folder / (f"b{kind}" if kind in contents() else kind)
     path.write_bytes(draw.damaged(content))
-    draw.covered.add(f"values {kind}")
 
     def case() -> None:
         if kind in contents():
@@ -419,10 +408,10 @@ def value_case(draw: Draw) -> tuple[str, Callable[[], None]]:
         with contextlib.suppress(TruejointError):
             (read_model if kind.endswith("s") else read_way)(path, signed[kind], draw.recording())
 
-    return f"values of {path.name}", case
+    return Case(f"values of {path.name}", case)
 
 
-CASES: dict[Callable[[Draw], Any], float] = {
+CASES: dict[Callable[[Draw], Case], float] = {
     command_case: 0.66, function_case: 0.16, value_case: 0.12, message_case: 0.05,
     frame_case: 0.01,
 }  # fmt: skip
@@ -433,20 +422,4 @@ def make(seed: int, number: int, seeds: Path, folder: Path) -> Case:
     """Give a case by its number."""
     draw = Draw(seed, number, seeds, folder)
     kind = draw.rng.choice(len(CASES), p=list(CASES.values()))
-    what, run_it = list(CASES)[kind](draw)
-    return Case(what, run_it, draw.covered)
-
-
-def everything(seeds: Path) -> set[str]:
-    """All that cases can cover: options of commands, kinds of files, functions, messages."""
-    options = {
-        f"option {name} {parameter.opts[0]}"
-        for name, one in commands().items()
-        for parameter in one.params
-        if parameter.opts[0].startswith("-")
-    }
-    files = {f"file {path.name}" for path in seeds.iterdir()}
-    lines = {f"line {name}" for name in commands()}
-    messages = {"frames", "message measured", "message setpoint", "message truth"}
-    messages |= {f"values {kind}" for kind in (*contents(), "linear.safetensors", "zigzag.csv")}
-    return options | files | lines | messages | {f"function {name}" for name in functions()}
+    return list(CASES)[kind](draw)
