@@ -1,3 +1,4 @@
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -47,18 +48,17 @@ def test_a_header_in_our_names_comes_back_exactly(tmp_path_factory, data, rows, 
     assert recording.provenance.dropped == ({"truth: value missing": missing} if missing else {})
 
 
-MAP: dict[str, Any] = {
-    "robot": "raven2",
-    "arm": "green",
-    "columns": {
-        "t": {"column": "stamp", "unit": "ms"},
-        "measured/elbow": {"column": 2, "unit": "deg"},
-        "measured/insertion": {"column": "ins", "unit": "mm"},
-        "motor/elbow": {"column": "counts", "unit": "deg", "scale": 0.36},
-        "effort/elbow": {"column": "tau", "unit": "mNm"},
-        "vision/elbow": "note",
-    },
-}
+MAP = """
+robot = "raven2"
+arm = "green"
+[columns]
+t = {column = "stamp", unit = "ms"}
+"measured/elbow" = {column = 2, unit = "deg"}
+"measured/insertion" = {column = "ins", unit = "mm"}
+"motor/elbow" = {column = "counts", unit = "deg", scale = 0.36}
+"effort/elbow" = {column = "tau", unit = "mNm"}
+"vision/elbow" = "note"
+"""
 TABLE = "stamp,counts,q2,ins,tau,note\n1000,100,90,400,5,1\n1500,200,180,410,6,2\n"
 
 
@@ -74,23 +74,10 @@ def check_map(recording: Recording) -> None:
 
 def test_a_column_map_as_mapping_and_as_file(tmp_path):
     path = write(tmp_path / "a.csv", TABLE)
-    check_map(read_recording(path, column_map=MAP))
-    toml = write(
-        tmp_path / "map.toml",
-        """
-        robot = "raven2"
-        arm = "green"
-        [columns]
-        t = {column = "stamp", unit = "ms"}
-        "measured/elbow" = {column = 2, unit = "deg"}
-        "measured/insertion" = {column = "ins", unit = "mm"}
-        "motor/elbow" = {column = "counts", unit = "deg", scale = 0.36}
-        "effort/elbow" = {column = "tau", unit = "mNm"}
-        "vision/elbow" = "note"
-        """,
-    )
+    mapping, toml = tomllib.loads(MAP), write(tmp_path / "map.toml", MAP)
+    check_map(read_recording(path, column_map=mapping))
     check_map(read_recording(path, "csv", column_map=toml))
-    assert read_recording(path, arm="left", column_map=MAP).robot.arm == "left"
+    assert read_recording(path, arm="left", column_map=mapping).robot.arm == "left"
     bare = write(tmp_path / "a.txt", "0 1 2\n1 3 4\n")  # positions need no header
     columns = {"columns": {"t": 0, "measured/joint2": 2}}
     recording = read_recording(bare, robot="bros", column_map=columns)
