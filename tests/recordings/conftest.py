@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from truejoint.crtk.messages import PROFILES
-from truejoint.errors import RecordingError
 from truejoint.recordings import Provenance, Recording
 
 
@@ -33,20 +32,6 @@ def recording() -> Recording:
         dropped={"x": 3},
     )
     return Recording.from_columns(columns, provenance)
-
-
-@pytest.fixture(scope="session")
-def refusal() -> Callable[[Callable[[], object]], str]:
-    """Message of the RecordingError that a call raises; empty if it raises nothing."""
-
-    def message(call: Callable[[], object]) -> str:
-        try:
-            call()
-        except RecordingError as error:
-            return str(error)
-        return ""
-
-    return message
 
 
 @pytest.fixture

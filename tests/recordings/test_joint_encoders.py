@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.local_ros import LocalRos
+from tests.recordings.refusals import refused
 
 from truejoint.crtk.messages import PROFILES, TRUTH_TOPIC, joint_state_columns
 from truejoint.errors import RecordingError
@@ -118,20 +119,16 @@ def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
 def test_a_registration_that_cannot_be_is_refused(line):
     with JointEncoders(line.port, JOINT_ENCODERS) as encoders:
         encoders.start_registration()
-        with pytest.raises(RecordingError, match="no counts were read during the homing"):
-            encoders.register()
+        refused("no counts were read during the homing", encoders.register)
         encoders.start_registration()
         line.send("0_0_0\n5000_10_5000\n")
         reached(lambda: encoders.messages == 2)
-        with pytest.raises(RecordingError, match="encoder of elbow did not move"):
-            encoders.register()
+        refused("encoder of elbow did not move", encoders.register)
 
 
 def test_a_port_or_encoders_that_are_not_there_are_refused(tmp_path):
-    with pytest.raises(RecordingError, match="cannot be opened"):
-        JointEncoders(str(tmp_path / "x"), JOINT_ENCODERS).__enter__()
-    with pytest.raises(RecordingError, match=r"its file needs \[\[encoders\]\]"):
-        JointEncoders("x", ())
+    refused("cannot be opened", JointEncoders(str(tmp_path / "x"), JOINT_ENCODERS).__enter__)
+    refused(r"its file needs \[\[encoders\]\]", JointEncoders, "x", ())
 
 
 @given(st.lists(st.binary(max_size=20), max_size=20))
@@ -159,8 +156,7 @@ def read_into_a_full_disk(line, raised=None):
 
 
 def test_what_a_listener_raises_is_raised_on_leaving(line):
-    with pytest.raises(RecordingError, match="the disk is full"):
-        read_into_a_full_disk(line)
+    refused("the disk is full", read_into_a_full_disk, line)
     with pytest.raises(KeyError):  # what ended the block goes before
         read_into_a_full_disk(line, KeyError())
 

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.recordings.refusals import refused
 
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
-from truejoint.errors import RecordingError
 from truejoint.recordings import Recorder, read_recording
 from truejoint.recordings.recorder import PAST_END, Decimator, _joined
 from truejoint.recordings.table.stream import AFTER, BACK, Stream
@@ -121,8 +121,7 @@ def test_an_interrupt_keeps_and_writes_what_there_is(arm, tmp_path):
 def test_a_file_that_is_there_is_refused_before_the_arm_moves(arm, tmp_path):
     path = tmp_path / "run.parquet"
     path.touch()
-    with pytest.raises(RecordingError, match="exists already"):
-        Recorder(arm, path=path)
+    refused("exists already", Recorder, arm, path=path)
 
 
 def test_a_recording_whose_name_was_taken_meanwhile_is_kept(arm, tmp_path):
@@ -134,10 +133,7 @@ def test_a_recording_whose_name_was_taken_meanwhile_is_kept(arm, tmp_path):
             arm.state(np.arange(1000) * 1e-3)
             path.write_text("theirs")
 
-    with pytest.raises(
-        RecordingError, match=r"exists already.*the recording is in .*run\.unfinished\.stream"
-    ):
-        move()
+    refused(r"exists already.*the recording is in .*run\.unfinished\.stream", move)
     assert path.read_text() == "theirs"
     assert recorder.written == tmp_path / "run.unfinished.stream"
     kept = read_recording(recorder.written)
@@ -205,14 +201,12 @@ def test_what_comes_after_the_longest_duration_is_counted(arm, monkeypatch):
 def test_an_arm_that_reports_nothing_is_named(arm):
     with Recorder(arm) as recorder:
         pass
-    with pytest.raises(RecordingError, match=r"from raven2 \(right arm\): 0 rows"):
-        recorder.recording()
+    refused(r"from raven2 \(right arm\): 0 rows", recorder.recording)
 
 
 @pytest.mark.parametrize("options", [{"gap_limit": 0.0}, {"state_rate": 0.0}])
 def test_settings_are_checked(arm, options):
-    with pytest.raises(RecordingError, match="above 0"):
-        Recorder(arm, **options)
+    refused("above 0", Recorder, arm, **options)
 
 
 def test_records_the_simulated_arm():

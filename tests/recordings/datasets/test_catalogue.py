@@ -1,8 +1,8 @@
 import re
 
 import pytest
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.recordings import read_column_map
 from truejoint.recordings.datasets import DATASETS, HeldOut, get_dataset
 from truejoint.robots import get_robot
@@ -69,13 +69,10 @@ def test_an_address_is_quoted():
 
 
 def test_names_that_are_not_there_are_answered_with_those_that_are():
-    with pytest.raises(RecordingError, match="no data set called 'x'; known: davinci_grasper"):
-        get_dataset("x")
+    refused("no data set called 'x'; known: davinci_grasper", get_dataset, "x")
     dataset = get_dataset("bros_dual_encoder")
-    with pytest.raises(RecordingError, match=r"no recording fits 'part9'; there are part1, part2"):
-        dataset.match("part9")
-    with pytest.raises(RecordingError, match="no split called 'x'; known: part"):
-        dataset.split("x")
+    refused(r"no recording fits 'part9'; there are part1, part2", dataset.match, "part9")
+    refused("no split called 'x'; known: part", dataset.split, "x")
     assert dataset.split() == dataset.splits[0]
 
 
@@ -83,5 +80,4 @@ def test_names_that_are_not_there_are_answered_with_those_that_are():
     "options", [{}, {"test": "a", "test_fraction": 0.3}, {"test_fraction": 1.0}]
 )
 def test_a_split_is_by_recording_or_by_time(options):
-    with pytest.raises(RecordingError, match="either test or a test_fraction"):
-        HeldOut("s", "*", **options)
+    refused("either test or a test_fraction", HeldOut, "s", "*", **options)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from tests.recordings.judge.faults import added, changed, named
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.features import FeatureSet
 from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.judge.data_check import joint_coverage
@@ -120,7 +120,5 @@ def test_a_hundredth_of_the_range_is_forgiven(clean, narrower, findings):
 
 
 def test_nothing_to_check_is_refused(clean):
-    with pytest.raises(RecordingError, match="no recording"):
-        check_data([])
-    with pytest.raises(RecordingError, match="no column 'measured/elbow'"):
-        check_data([clean], joints=["elbow"])
+    refused("no recording", check_data, [])
+    refused("no column 'measured/elbow'", check_data, [clean], joints=["elbow"])

@@ -14,9 +14,9 @@ from tests.recordings.judge.faults import (
     of_quantity,
     stuck,
 )
+from tests.recordings.refusals import refused
 
 from truejoint.crtk import simulated_arm
-from truejoint.errors import RecordingError
 from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder, Recording, check_data, diagnose
 from truejoint.recordings.judge.finding import FINDINGS, HEADING_OF, HEADINGS
@@ -179,5 +179,8 @@ def test_without_truth_and_effort_it_still_judges(healthy):
     assert (told["truth"].level, told["effort"].level) == ("info", "warn")
     assert told["effort sign"].text == "nothing to judge it by"
     assert told["effort sign"].level == "info"
-    with pytest.raises(RecordingError, match="no measured position"):
-        diagnose(Recording.from_columns({"t": [0, 1], "effort/elbow": [0, 1]}, "raven2"))
+    refused(
+        "no measured position",
+        diagnose,
+        Recording.from_columns({"t": [0, 1], "effort/elbow": [0, 1]}, "raven2"),
+    )

@@ -1,6 +1,5 @@
 import io
 import struct
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -8,11 +7,9 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.recordings.read.array_files import read_mat, read_npy
-
-Refusal = Callable[[Callable[[], object]], str]
 
 
 @given(
@@ -48,15 +45,13 @@ def test_a_header_that_no_table_of_that_size_has_is_refused(tmp_path, shape, mes
     header = {"descr": "|O" if shape == (8,) else "<f8", "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(file, header)
     path.write_bytes(file.getvalue() + b"\0" * 64)
-    with pytest.raises(RecordingError, match=message):
-        read_npy(path)
+    refused(message, read_npy, path)
 
 
 def test_small_integers_that_take_much_as_float64_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("truejoint.recordings.read.array_files.MAX_BINARY_BYTES", 800)
     np.save(tmp_path / "a.npy", np.zeros(101, np.uint8))
-    with pytest.raises(RecordingError, match="101 numbers take more than 800 bytes"):
-        read_npy(tmp_path / "a.npy")
+    refused("101 numbers take more than 800 bytes", read_npy, tmp_path / "a.npy")
 
 
 matrices = st.tuples(st.integers(0, 5), st.integers(0, 5)).flatmap(
@@ -104,16 +99,14 @@ def test_a_bomb_is_refused(monkeypatch, bound):
     monkeypatch.setattr(f"truejoint.recordings.{bound}", 1000)
     data = save({"a": np.zeros((1_000_000, 1))}, do_compression=True)
     most = 1000 if "MAT" in bound else 100 * len(data)
-    with pytest.raises(RecordingError, match=f"unpacks to more than {most} bytes"):
-        read_mat(data, "f.mat")
+    refused(f"unpacks to more than {most} bytes", read_mat, data, "f.mat")
 
 
 def test_dimensions_that_the_data_do_not_fill_take_no_memory():
     whole = save({"abc": np.arange(12.0).reshape(3, 4)}, do_compression=False)
     at = whole.index(struct.pack("<2i", 3, 4))
     data = whole[:at] + struct.pack("<2i", 2**31 - 1, 2**31 - 1) + whole[at + 8 :]
-    with pytest.raises(RecordingError, match="144 bytes cannot hold an array of shape"):
-        read_mat(data, "f.mat")
+    refused("144 bytes cannot hold an array of shape", read_mat, data, "f.mat")
 
 
 def nested(depth: int, body: bytes = b"") -> bytes:
@@ -138,13 +131,11 @@ def test_what_lies_deeper_than_a_struct_is_left_out():
 
 
 def test_version_7_3_is_named():
-    with pytest.raises(RecordingError, match="save it with -v7"):
-        read_mat(b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
+    refused("save it with -v7", read_mat, b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
 
 
 def test_what_scipy_would_crash_on_is_refused_or_left_out():
     whole = save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))})
-    with pytest.raises(RecordingError, match="cannot be read as a MAT file"):
-        read_mat(whole[:0xB1] + b"\1" + whole[0xB2:], "f.mat")
+    refused("cannot be read as a MAT file", read_mat, whole[:0xB1] + b"\1" + whole[0xB2:], "f.mat")
     halved = whole[:0x91] + b"\x08" + whole[0x92:]  # says that it is complex
     assert list(read_mat(halved, "f.mat")) == ["b"]

@@ -4,12 +4,11 @@ import re
 import tomllib
 
 import numpy as np
-import pytest
 import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.recordings import read_column_map, read_recording, sketch_column_map
 
 fields = st.text(
@@ -96,7 +95,5 @@ def test_the_map_reads_the_file(tmp_path):
 
 def test_what_needs_no_map_is_refused(tmp_path):
     (tmp_path / "a.parquet").write_bytes(b"PAR1....")
-    with pytest.raises(RecordingError, match="needs no column map"):
-        sketch_column_map(tmp_path / "a.parquet")
-    with pytest.raises(RecordingError, match="there is no such file"):
-        sketch_column_map(tmp_path / "b.csv")
+    refused("needs no column map", sketch_column_map, tmp_path / "a.parquet")
+    refused("there is no such file", sketch_column_map, tmp_path / "b.csv")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.recordings import read_recording
 from truejoint.recordings.read.raven_csv import frozen_rows
 
@@ -91,8 +91,12 @@ def test_the_truth_of_a_file_and_of_the_bag_it_was_made_of_have_one_zero(write_r
     np.testing.assert_allclose(added, np.tile([0.0, np.deg2rad(7.5), -0.010467], (40, 1)))
     assert "added to the truth [rad or m]: +0.1309 to elbow" in shifted.provenance.notes
     assert own.provenance.notes == ""
-    with pytest.raises(RecordingError, match="no truth zero called 'home'; known: encoders, robot"):
-        read_recording(path, truth_zero="home")
+    refused(
+        "no truth zero called 'home'; known: encoders, robot",
+        read_recording,
+        path,
+        truth_zero="home",
+    )
 
 
 def test_truth_in_a_unit_that_cannot_be_is_refused(write_raven):
@@ -101,8 +105,7 @@ def test_truth_in_a_unit_that_cannot_be_is_refused(write_raven):
         table[:, 1:4] = [41.0, 79.0, 0.41]
 
     path = write_raven(252, change=working_range)
-    with pytest.raises(RecordingError, match=r"truth of shoulder .* check units and arm"):
-        read_recording(path)
+    refused(r"truth of shoulder .* check units and arm", read_recording, path)
 
 
 def test_truth_that_stops_is_taken_out_and_counted(write_raven):
@@ -143,15 +146,15 @@ def test_rows_of_the_homing_are_left_out_and_counted(write_raven):
 @pytest.mark.parametrize("found", [239, 241, 255])
 def test_another_column_count_is_named(write_raven, found):
     path = write_raven(found)
-    with pytest.raises(RecordingError, match=f"{found} columns, expected 240 or 252") as caught:
-        read_recording(path, "raven_csv")
-    assert "column map" in str(caught.value)
-    assert str(path) in str(caught.value)
+    text = refused(f"{found} columns, expected 240 or 252", read_recording, path, "raven_csv")
+    assert "column map" in text
+    assert str(path) in text
 
 
 def test_a_file_without_truth_takes_nothing_of_it(write_raven):
-    with pytest.raises(RecordingError, match="has no truth; leave truth_zero out"):
-        read_recording(write_raven(240), truth_zero="robot")
+    refused(
+        "has no truth; leave truth_zero out", read_recording, write_raven(240), truth_zero="robot"
+    )
 
 
 def test_missing_numbers(write_raven):

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.recordings.refusals import refused
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import (
@@ -50,10 +51,8 @@ def test_the_content_tells_the_format(tmp_path, content, name):
 )
 def test_an_unknown_file_gets_the_list_of_formats(tmp_path, content, found):
     path = write(tmp_path / "some.file", content)
-    with pytest.raises(RecordingError, match=f"format not recognised.*{found}") as caught:
-        read_recording(path)
-    assert all(name in str(caught.value) for name in FORMATS)
-    assert "\n" not in str(caught.value)
+    text = refused(f"format not recognised.*{found}", read_recording, path)
+    assert all(name in text for name in FORMATS)
 
 
 def test_a_column_map_makes_any_text_csv(tmp_path):
@@ -84,17 +83,15 @@ def test_what_the_caller_knows_goes_into_the_provenance(recording, tmp_path):
 def test_an_option_that_would_be_ignored_is_refused(recording, tmp_path, options, message):
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)
-    with pytest.raises(RecordingError, match=message):
-        read_recording(path, **options)
+    refused(message, read_recording, path, **options)
 
 
 def test_a_path_that_is_not_there(tmp_path):
-    with pytest.raises(RecordingError, match=r"nowhere.csv: there is no such file or folder"):
-        read_recording(tmp_path / "nowhere.csv")
-    with pytest.raises(RecordingError, match="is not a file"):
-        read_recording(tmp_path, "csv")
-    with pytest.raises(RecordingError, match="is empty"):
-        read_recording(write(tmp_path / "empty.csv", ""))
+    refused(
+        r"nowhere.csv: there is no such file or folder", read_recording, tmp_path / "nowhere.csv"
+    )
+    refused("is not a file", read_recording, tmp_path, "csv")
+    refused("is empty", read_recording, write(tmp_path / "empty.csv", ""))
 
 
 def test_an_error_names_the_path_that_was_given(write_raven, monkeypatch):
@@ -102,13 +99,9 @@ def test_an_error_names_the_path_that_was_given(write_raven, monkeypatch):
         table[5, 0] = table[3, 0]  # type: ignore[index]
 
     path = write_raven(240, change=step_back)
-    with pytest.raises(RecordingError) as caught:
-        read_recording(path)
-    assert str(caught.value).startswith(f"{path}: time stamp of row 5")
+    refused(f"^{path}: time stamp of row 5", read_recording, path)
     monkeypatch.chdir(path.parent)
-    with pytest.raises(RecordingError) as caught:
-        read_recording(path.name)
-    assert str(caught.value).startswith(f"{path.name}: time stamp of row 5")
+    refused(f"^{path.name}: time stamp of row 5", read_recording, path.name)
 
 
 @settings(max_examples=60)

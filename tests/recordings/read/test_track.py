@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.recordings.marker_bag import KINDS, write_marker_bag
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.recordings import Track, read_track
 from truejoint.recordings.read.track import BACK, FROZEN, LOST
 
@@ -59,12 +59,9 @@ def test_a_bag_gives_the_topic_of_the_tracker(tmp_path):
     np.testing.assert_allclose(track.t, 5.0 + T, atol=1e-8)
     assert track.source == "session.bag: /marker"
     assert len(read_track(path, "/arm1/measured_cp")) == len(T)
-    with pytest.raises(RecordingError, match=r"no points or poses on '/tf'.* /marker"):
-        read_track(path, "/tf")
-    with pytest.raises(RecordingError, match="in m; leave the unit out"):
-        read_track(path, unit="mm")
-    with pytest.raises(RecordingError, match="at least one"):
-        read_track([])
+    refused(r"no points or poses on '/tf'.* /marker", read_track, path, "/tf")
+    refused("in m; leave the unit out", read_track, path, unit="mm")
+    refused("at least one", read_track, [])
 
 
 @pytest.mark.parametrize(
@@ -88,25 +85,17 @@ def test_each_message_of_a_marker_is_read(tmp_path, kind, suffix):
 def test_what_is_no_track_is_one_line(tmp_path):
     path = tmp_path / "points.csv"
     table(poses=True).drop(columns="qw").to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="is no file of points: it begins with frame, t, x"):
-        read_track(path)
+    refused("is no file of points: it begins with frame, t, x", read_track, path)
     np.savetxt(path, POINTS, delimiter=",")
-    with pytest.raises(RecordingError, match="is no file of points"):
-        read_track(path)
+    refused("is no file of points", read_track, path)
     table(poses=False).iloc[:40].to_csv(path, index=False)
-    with pytest.raises(RecordingError, match="40 readings"):
-        read_track(path)
-    with pytest.raises(RecordingError, match="is no bag, so it has no topic"):
-        read_track(path, "/marker")
-    with pytest.raises(RecordingError, match="no unit called 'inch'"):
-        read_track(path, unit="inch")
+    refused("40 readings", read_track, path)
+    refused("is no bag, so it has no topic", read_track, path, "/marker")
+    refused("no unit called 'inch'", read_track, path, unit="inch")
     lost = table(poses=False)
     lost.loc[5:, ["x", "y", "z"]] = np.nan
     lost.to_csv(path, index=False)
-    with pytest.raises(RecordingError, match=r"only 5 of 120 readings .*marker lost: 115"):
-        read_track(path)
+    refused(r"only 5 of 120 readings .*marker lost: 115", read_track, path)
     table(poses=False).to_parquet(tmp_path / "points.parquet")
-    with pytest.raises(RecordingError, match="is not a text file"):
-        read_track(tmp_path / "points.parquet")
-    with pytest.raises(RecordingError, match="there is no such file"):
-        read_track(tmp_path / "none.csv")
+    refused("is not a text file", read_track, tmp_path / "points.parquet")
+    refused("there is no such file", read_track, tmp_path / "none.csv")

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError
 from truejoint.recordings import read_parquet
 from truejoint.recordings.bounded_file import DamagedError
 from truejoint.recordings.table.parquet_pages import Chunk, chunks, page_sizes
@@ -36,8 +36,7 @@ def test_the_pages_are_those_that_arrow_wrote(version, packing, as_dictionary):
 def test_a_forged_page_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     hostile.forged_page(tmp_path / "a.parquet")
     monkeypatch.setattr(pq.ParquetFile, "read", None)
-    with pytest.raises(RecordingError, match=r"a\.parquet: unpacks to more than"):
-        read_parquet(tmp_path / "a.parquet")
+    refused(r"a\.parquet: unpacks to more than", read_parquet, tmp_path / "a.parquet")
 
 
 @pytest.mark.parametrize("as_dictionary", [False, True])
@@ -153,5 +152,4 @@ def test_chunks_that_count_more_values_than_the_file_has_rows(tmp_path):
     assert len(pieces) == 4  # of the file, of its chunk, of its group of rows
     path.write_bytes(pieces[0] + lie + pieces[1] + count + pieces[2] + lie + pieces[3])
     assert pq.read_metadata(path).num_rows == 2
-    with pytest.raises(RecordingError, match="unpacks to more than"):
-        read_parquet(path)
+    refused("unpacks to more than", read_parquet, path)

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.recordings.refusals import refused
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import read_recording
@@ -72,16 +72,12 @@ def test_cut_anywhere_it_gives_the_blocks_before(tmp_path, share):
 def test_what_is_no_such_file_is_refused(tmp_path):
     path = tmp_path / "run.stream"
     path.write_text("not a stream")
-    with pytest.raises(RecordingError, match="is no stream of a recorder"):
-        read_streams(path)
-    with pytest.raises(RecordingError, match="choose another name"):
-        StreamWriter(path, {})
+    refused("is no stream of a recorder", read_streams, path)
+    refused("choose another name", StreamWriter, path, {})
     path.unlink()
     StreamWriter(path, {}).close()
-    with pytest.raises(RecordingError, match="metadata is damaged"):
-        read_recording(path)
+    refused("metadata is damaged", read_recording, path)
     path.unlink()
     writer = StreamWriter(path, HEADER)
     writer.close()
-    with pytest.raises(RecordingError, match="0 rows"):
-        read_recording(path)
+    refused("0 rows", read_recording, path)

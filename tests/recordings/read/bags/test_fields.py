@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.recordings.refusals import refused
 
-from truejoint.errors import RecordingError, TruejointError
+from truejoint.errors import TruejointError
 from truejoint.recordings.read.bags import fields as decoding
 from truejoint.recordings.read.bags.container import Topic
 from truejoint.recordings.read.bags.fields import Decoder, Lot, Series, full_name, typesys
@@ -122,8 +123,9 @@ def test_layouts_that_never_repeat_are_refused(monkeypatch):
         words = ["a" * (number % 40), "b" * (number // 40), "c" * (70 - number % 40 - number // 40)]
         raw.append(b"".join(len(w).to_bytes(4, "little") + w.encode() for w in words))
     topic = Topic("/t", "own/words", "string a\nstring b\nstring c\n", "ros1")
-    with pytest.raises(RecordingError, match="change their lengths all the time"):
-        list(Decoder(topic, ()).decode([0] * len(raw), raw))
+    refused(
+        "change their lengths all the time", list, Decoder(topic, ()).decode([0] * len(raw), raw)
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,5 +185,9 @@ def test_too_many_values_are_refused(monkeypatch):
     monkeypatch.setattr(decoding, "MAX_VALUES", 5)
     taken = Series()
     taken.add(Lot("/t", np.arange(2), np.arange(2), {}, {}), {"a": np.zeros(2)})
-    with pytest.raises(RecordingError, match="more than 5 values; extract fewer bags"):
-        taken.add(Lot("/t", np.array([2]), np.array([2]), {}, {}), {"a": np.zeros(1)})
+    refused(
+        "more than 5 values; extract fewer bags",
+        taken.add,
+        Lot("/t", np.array([2]), np.array([2]), {}, {}),
+        {"a": np.zeros(1)},
+    )
