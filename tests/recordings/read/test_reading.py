@@ -55,14 +55,6 @@ def test_an_unknown_file_gets_the_list_of_formats(tmp_path, content, found):
     assert all(name in text for name in FORMATS)
 
 
-def test_a_column_map_makes_any_text_csv(tmp_path):
-    path = write(tmp_path / "a.txt", "0,1,2,3,4,5,6,7\n1,1,2,3,4,5,6,8\n")
-    recording = read_recording(
-        path, robot="bros", column_map={"columns": {"t": 0, "measured/joint1": 7}}
-    )
-    assert recording.column("measured/joint1").tolist() == [7.0, 8.0]
-
-
 def test_what_the_caller_knows_goes_into_the_provenance(recording, tmp_path):
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)

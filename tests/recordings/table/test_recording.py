@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.recordings.refusals import refused
 
 from truejoint.recordings import Provenance, Recording, Stream
-from truejoint.recordings.table.recording import default_unit, runs, since_first
+from truejoint.recordings.table.recording import default_unit, runs
 from truejoint.robots import get_robot
 
 BROS = Provenance(robot="bros", source="bench.csv")
@@ -88,13 +88,6 @@ def test_units_of_raven_columns(column, unit):
     assert default_unit("effort/outer_insertion", get_robot("dvrk_psm")) == "N"
 
 
-def test_provenance_survives_json():
-    provenance = Provenance("raven2", "left", load=math.nan, rates={"a": 1.0}, dropped={"b": 2})
-    again = Provenance.from_dict(provenance.to_dict())
-    assert again.to_dict() == provenance.to_dict()
-    assert provenance.to_dict()["load"] is None
-
-
 @pytest.mark.parametrize(
     "values",
     [
@@ -109,15 +102,6 @@ def test_provenance_survives_json():
 )
 def test_provenance_of_the_wrong_shape_is_refused(values):
     refused("provenance", Provenance.from_dict, values)
-
-
-def test_only_stamps_since_1970_are_shifted():
-    t, start = since_first(np.array([1.7e9, 1.7e9 + 0.5]))
-    assert start == 1.7e9
-    assert t.tolist() == [0.0, 0.5]
-    t, start = since_first(np.array([50.2, 50.3]))
-    assert math.isnan(start)
-    assert t.tolist() == [50.2, 50.3]
 
 
 @given(st.lists(st.booleans(), max_size=60))
