@@ -31,9 +31,12 @@ def session() -> Recording:
     return told_session()
 
 
+def link_to(ros: SaidRos) -> LiveLink:
+    return LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+
+
 def judged(ros: SaidRos, recording: Recording, **how: Any) -> DataCheck:
-    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
-    with link:
+    with link_to(ros) as link:
         ros.say_all(recording, **how)
     return link.diagnose()
 
@@ -68,44 +71,33 @@ def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, make, levels):
     assert re.search(STATE + r" 2\d\.\d* Hz, here 0 ms after its stamp", live.by_heading()[0].text)
 
 
-def test_stamps_that_repeat_or_are_none_are_counted(session):
+def test_a_homing_amid_the_rows_and_stamps_that_repeat_or_are_none_are_told(session):
     ros = SaidRos()
-    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
-    with link:
+    ros.publisher("/arm1/operating_state", OPERATING_STATE)
+    with link_to(ros) as link:
+        for after, is_homed in ((-1.0, True), (10.0, False), (12.0, True)):
+            message = ros.stamped(OPERATING_STATE, START + after)
+            message.is_homed = is_homed
+            ros.send("/arm1/operating_state", message)
         ros.say_all(session)
         message = ros.last[STATE]
         for _ in range(20):
             ros.send(STATE, message)
         message.header.stamp = 0.0
         ros.send(STATE, message)
-    verdict = by_heading(link.diagnose())["stamps"]
-    assert verdict.level == "fail"
-    assert "20 times state: repeated time stamp" in verdict.text
-    assert f"1 times {STATE}: stamp of 0" in verdict.text
-
-
-def test_a_homing_amid_the_rows_is_left_out_and_told(session):
-    ros = SaidRos()
-    ros.publisher("/arm1/operating_state", OPERATING_STATE)
-    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
-    with link:
-        for after, is_homed in ((-1.0, True), (10.0, False), (12.0, True)):
-            message = ros.stamped(OPERATING_STATE, START + after)
-            message.is_homed = is_homed
-            ros.send("/arm1/operating_state", message)
-        ros.say_all(session)
     amid = int(((session.t >= 10.0) & (session.t < 12.0)).sum())
     assert len(link.recordings()[0]) == len(session) - amid
-    verdict = by_heading(link.diagnose())["homing"]
-    assert verdict.level == "fail"
-    assert verdict.text.startswith(f"{amid} rows of homing, after 10.0 s")
+    told = by_heading(link.diagnose())
+    assert told["homing"].level == told["stamps"].level == "fail"
+    assert told["homing"].text.startswith(f"{amid} rows of homing, after 10.0 s")
+    assert "20 times state: repeated time stamp" in told["stamps"].text
+    assert f"1 times {STATE}: stamp of 0" in told["stamps"].text
 
 
 def test_an_arm_that_never_says_that_it_is_homed_is_taken_as_it_is(session):
     ros = SaidRos()
     ros.publisher("/arm1/operating_state", OPERATING_STATE)
-    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
-    with link:
+    with link_to(ros) as link:
         ros.send("/arm1/operating_state", ros.stamped(OPERATING_STATE, START))
         ros.say_all(session)
     assert len(link.recordings()[0]) == len(session)
@@ -133,8 +125,7 @@ def test_ravens_own_state_is_judged_with_both_arms(session):
     ros.publisher(RAVEN_TOPIC, RAVEN_STATE)
     columns = {str(name): c.to_numpy() for name, c in session.table.items() if name != "t"}
     fields = raven_state_fields(session.robot, columns)
-    link = LiveLink(ros)  # the robot is told by its state
-    with link:
+    with LiveLink(ros) as link:  # the robot is told by its state
         for row, t in enumerate(session.t.tolist()):
             message = ros.stamped(RAVEN_STATE, START + t)
             message.runlevel = 3
@@ -157,8 +148,7 @@ def test_what_cannot_be_judged_is_one_line(session):
     refused("nobody says anything of joints; start the robot", LiveLink(LocalRos()).__enter__)
     ros = SaidRos()
     refused(r"live: which robot is it .* there are /arm1/measured", LiveLink(ros).__enter__)
-    link = LiveLink(ros, "raven2", profile=PROFILE.name)
-    with link:
+    with LiveLink(ros, "raven2", profile=PROFILE.name) as link:
         pass
     refused(f"{STATE}: nothing came on it: is the robot homed", link.diagnose)
     with link:
@@ -170,8 +160,7 @@ def test_what_cannot_be_judged_is_one_line(session):
         message = ros.stamped(RAVEN_STATE, START + 100.0)
         del message.tau
         ros.send(RAVEN_TOPIC, message)
-    link = LiveLink(ros, "raven2", state=RAVEN_TOPIC)
-    with link:
+    with LiveLink(ros, "raven2", state=RAVEN_TOPIC) as link:
         ros.send(RAVEN_TOPIC, message)
     refused("version of raven_2/raven_state has no field 'tau'", link.diagnose)
     refused("no topic '/x'; there are", LiveLink(ros, "raven2", truth="/x").__enter__)
