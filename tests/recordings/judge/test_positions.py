@@ -157,9 +157,7 @@ def test_another_instrument_than_the_training_s_is_named(healthy):
         assert finding.level == level
 
 
-@pytest.mark.parametrize(
-    ("quantity", "count"), [("effort", 1), ("truth", 1), ("measured", 1), ("effort", 3)]
-)
+@pytest.mark.parametrize(("quantity", "count"), [("truth", 1), ("measured", 1), ("effort", 3)])
 def test_two_exchanged_channels_are_named(healthy, quantity, count):
     """Exchanged positions exchange the truth as well."""
     a, b = f"{quantity}/shoulder", f"{quantity}/elbow"

@@ -422,7 +422,7 @@ def runs(same: Mask) -> list[tuple[int, int]]:
 
 def recordings_of_file(
     path: Path,
-    robot: Robot | str,
+    robot: Robot,
     columns: Mapping[str, Array],
     units: Mapping[str, str],
     dropped: Mapping[str, int],
@@ -434,7 +434,6 @@ def recordings_of_file(
     but the last; both are counted beside what was `dropped` before. Stamps since 1970 are counted
     from the first row. The session is the file's name up to a dot unless stated.
     """
-    robot = get_robot(robot) if isinstance(robot, str) else robot
     _check_shapes(columns, path.name)
     gaps = {n: np.isnan(values) for n, values in columns.items() if not n.startswith("truth")}
     whole = ~np.logical_or.reduce(list(gaps.values()))
