@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,6 @@ def head(*names: str) -> None:
     print(f"| {' | '.join(names)} |\n|{'---|' * len(names)}", flush=True)
 
 
-def table(names: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    """Print a Markdown table, a row as soon as it is there."""
-    head(*names)
-    for row in rows:
-        print(f"| {' | '.join(map(str, row))} |", flush=True)
+def row(*cells: object) -> None:
+    """Print a row of a Markdown table."""
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import head, parsed, stored
+from benchmarks import head, parsed, row, stored
+from benchmarks.arms import homed, recorded
 from truejoint.array_types import Array
 from truejoint.crtk import simulated_arm
 from truejoint.motion import random_motion, zigzag
@@ -29,7 +30,6 @@ from truejoint.recordings import DataCheck, Recording, check_data
 from truejoint.recordings.datasets import read_dataset
 from truejoint.recordings.join.explained import SLOW, explain, robust_spread
 from truejoint.recordings.judge.positions import left_out_zeros
-from truejoint.studies.raven2.sessions import record
 
 PUBLIC = {
     "grasper": ("davinci_grasper_umn", "Tool_4_Maryland_L_4/*"),
@@ -47,12 +47,10 @@ TOLD = {"load", "homing", "travel", "hole", "standstill", "directions", "dropped
 @lru_cache(maxsize=1)
 def twin_session(seed: int) -> tuple[Recording, ...]:
     """One zig-zag and two times three minutes of random motion after one homing."""
-    arm = simulated_arm("raven2", "left", seed=seed)
-    arm.enable()
-    arm.home()
+    arm = homed(simulated_arm("raven2", "left", seed=seed))
     paths = [zigzag(arm.robot, "J2-J3", 0.25)]
     paths += [random_motion(arm.robot, 180.0, seed=2 * seed + k) for k in (1, 2)]
-    return tuple(record(arm, path) for path in paths)
+    return tuple(recorded(arm, path, state_rate=30.0, session=path.name) for path in paths)
 
 
 @lru_cache(maxsize=8)
@@ -259,24 +257,24 @@ def main() -> None:
                 stored(options.out, f"{name}, {fault}, {seed}", partial(inject, name, fault, seed))
                 for seed in seeds
             ]
-            rows = [row for row in rows if row]
-            also = Counter(word for row in rows for word in row["also"])
+            rows = [found for found in rows if found]
+            also = Counter(word for found in rows for word in found["also"])
             beside = "".join(f", {word} {number}" for word, number in also.items())
-            hits = sum(row["found"] for row in rows)
+            hits = sum(found["found"] for found in rows)
             cells.append(f"{hits} of {len(rows)}{beside}" if rows else "-")
-        print(f"| {fault.replace('_', ' ')} | " + " | ".join(cells) + " |", flush=True)
+        row(fault.replace("_", " "), *cells)
     print("\nWhere nothing was put in:")
     for name in options.sets:
         rows = [
             stored(options.out, f"{name}, healthy, {seed}", partial(healthy, name, seed))
             for seed in ([0] if name in PUBLIC else good)
         ]
-        count = Counter(finding for row in rows for finding, _ in row["findings"])
-        total = sum(row["recordings"] for row in rows)
+        count = Counter(finding for one in rows for finding, _ in one["findings"])
+        total = sum(one["recordings"] for one in rows)
         print(f"- {name}, {total} recordings: {dict(count) or 'nothing'}")
-        for row in rows:
-            for finding, where in row["findings"]:
-                print(f"  - {finding}: {where} (seed {row['seed']})")
+        for one in rows:
+            for finding, where in one["findings"]:
+                print(f"  - {finding}: {where} (seed {one['seed']})")
 
 
 if __name__ == "__main__":

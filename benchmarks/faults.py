@@ -27,13 +27,14 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import head, parsed, stored, table
+from benchmarks import head, parsed, row, stored
 from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.calibration import Calibration
 from truejoint.runtime import Corrector, Status
@@ -60,10 +61,10 @@ class Case:
         """Where a signal stands in a sample."""
         return self.signals.index(f"{quantity}/{joint or self.joint}")
 
-    def reading(self, values: Row) -> Row:
-        """Give samples with these readings of the joint from the fault on."""
+    def shown(self, quantity: str, values: Row) -> Row:
+        """Give samples with these values of a quantity of the joint from the fault on."""
         rows = self.rows.copy()
-        rows[BEGIN:, self.column("measured")] = values[BEGIN:]
+        rows[BEGIN:, self.column(quantity)] = values[BEGIN:]
         return rows
 
 
@@ -72,46 +73,21 @@ def true_reading(case: Case) -> Row:
     return np.array(case.rows[:, case.column("measured")])
 
 
-def stuck(case: Case) -> Row:
-    """Stand still, but for noise of 1e-9."""
-    noise = 1e-9 * np.random.default_rng(0).normal(size=len(case.t))
-    return case.reading(true_reading(case)[BEGIN] + noise)
+def reading(values: Callable[[Case, Row], Row]) -> Callable[[Case], Row]:
+    """Put a fault into the reading, by the case and the true one."""
+    return lambda case: case.shown("measured", values(case, true_reading(case)))
 
 
-def jump(case: Case) -> Row:
-    """Jump by five times the half-width."""
-    return case.reading(true_reading(case) + 5.0 * case.half_width)
+def noise(case: Case) -> Row:
+    """Give noise of 1e-9."""
+    return 1e-9 * np.random.default_rng(0).normal(size=len(case.t))
 
 
-def drift(case: Case) -> Row:
-    """Drift by the half-width in three seconds."""
-    since = np.maximum(case.t - case.t[BEGIN], 0.0)
-    return case.reading(true_reading(case) + case.half_width / 3.0 * since)
-
-
-def scale(case: Case) -> Row:
-    """Show every movement 5 % too large."""
-    q = true_reading(case)
-    return case.reading(q + 0.05 * (q - q[BEGIN]))
-
-
-def lost_counts(case: Case) -> Row:
+def lost_counts(_: Case, q: Row) -> Row:
     """Lose 2 % of the movement one way."""
-    q = true_reading(case)
     up = np.maximum(np.diff(q, prepend=q[0]), 0.0)
     up[: BEGIN + 1] = 0.0
-    return case.reading(q - 0.02 * np.cumsum(up))
-
-
-def sign(case: Case) -> Row:
-    """Show every movement the wrong way."""
-    q = true_reading(case)
-    return case.reading(2.0 * q[BEGIN] - q)
-
-
-def delay(case: Case) -> Row:
-    """Show the joint where it was 0.1 s ago."""
-    return case.reading(np.roll(true_reading(case), 100))
+    return q - 0.02 * np.cumsum(up)
 
 
 def swap(case: Case, quantity: str = "measured") -> Row:
@@ -122,20 +98,20 @@ def swap(case: Case, quantity: str = "measured") -> Row:
     return rows
 
 
-def dead_effort(case: Case) -> Row:
-    """Show no effort, but for noise of 1e-9."""
-    rows = case.rows.copy()
-    noise = 1e-9 * np.random.default_rng(0).normal(size=len(case.t))
-    rows[BEGIN:, case.column("effort")] = noise[BEGIN:]
-    return rows
-
-
 FAULTS: dict[str, Callable[[Case], Row]] = {
-    "stuck": stuck, "jump": jump, "drift": drift, "scale": scale, "loss of counts": lost_counts,
-    "sign": sign, "swap": swap, "delay": delay, "effort dead": dead_effort,
+    "stuck": reading(lambda c, q: q[BEGIN] + noise(c)),
+    "jump": reading(lambda c, q: q + 5.0 * c.half_width),
+    # By the half-width in three seconds.
+    "drift": reading(lambda c, q: q + c.half_width / 3.0 * np.maximum(c.t - c.t[BEGIN], 0.0)),
+    "scale": reading(lambda _, q: q + 0.05 * (q - q[BEGIN])),  # every movement 5 % too large
+    "loss of counts": reading(lost_counts),
+    "sign": reading(lambda _, q: 2.0 * q[BEGIN] - q),  # every movement the wrong way
+    "swap": swap,
+    "delay": reading(lambda _, q: np.roll(q, 100)),  # where the joint was 0.1 s ago
+    "effort dead": lambda c: c.shown("effort", noise(c)),
     "efforts swapped": partial(swap, quantity="effort"),
     "motors swapped": partial(swap, quantity="motor"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -154,8 +130,7 @@ def outcome(case: Case, rows: Row, model: Calibration) -> Outcome:
     corrector.set_homing(True, HOMING)
     order = [case.signals.index(signal) for signal in corrector.signals]
     needed = list(np.ascontiguousarray(rows[:, order]))
-    step = corrector.step
-    bits = np.array([step(t, row) for t, row in zip(case.t.tolist(), needed, strict=True)])
+    bits = np.array(list(map(corrector.step, case.t.tolist(), needed)))
     if bits[:BEGIN].any():
         print(f"  ({np.count_nonzero(bits[:BEGIN])} samples flagged before the fault)", flush=True)
     q, flagged = true_reading(case), bits[BEGIN:] != 0
@@ -224,14 +199,11 @@ def fault_tables(found: Sequence[dict[str, Any]]) -> None:
     print("Faults found, by what is read beside the position\n")
     head("fault of a reading", *names)
     for fault in FAULTS:
-        cells = (summary(found, fault, joints, name) for name in names)
-        print(f"| {fault} | {' | '.join(cells)} |")
+        row(fault, *(summary(found, fault, joints, name) for name in names))
     print("\nFaults found, joint by joint\n")
     head("fault", "joint", "redundant", "found")
-    for fault in FAULTS:
-        for joint in joints:
-            for name in names:
-                print(f"| {fault} | {joint} | {name} | {summary(found, fault, [joint], name)} |")
+    for fault, joint, name in product(FAULTS, joints, names):
+        row(fault, joint, name, summary(found, fault, [joint], name))
 
 
 def summary(found: Sequence[dict[str, Any]], fault: str, joints: Sequence[str], name: str) -> str:
@@ -260,8 +232,7 @@ def summary(found: Sequence[dict[str, Any]], fault: str, joints: Sequence[str], 
 def main() -> None:
     """Print the tables."""
     options = parsed(
-        __doc__, seeds=20, first_seed=200, seconds=10.0, estimator="linear", healthy=0.0,
-        only="",
+        __doc__, seeds=20, first_seed=200, seconds=10.0, estimator="linear", healthy=0.0, only="",
         out=Path("bench/faults"),
     )  # fmt: skip
     for name in [name for name in FAULTS if options.only not in name]:
@@ -278,8 +249,8 @@ def main() -> None:
         together = sum((Counter(one) for one in found), Counter[str]())
         flagged = together.total() - together[repr(Status.OK)]
         print("\nHealthy work\n")
-        rows = [(together.total(), flagged, dict(together))]
-        table(("samples", "flagged", "by status"), rows)
+        head("samples", "flagged", "by status")
+        row(together.total(), flagged, dict(together))
     else:
         fault_tables(found)
 

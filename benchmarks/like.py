@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
 from truejoint.calibration import Calibration, calibrate, calibrate_like
 from truejoint.evaluation.scoring import rmse
 from truejoint.recordings import Recording
@@ -53,7 +53,7 @@ def main() -> None:
             for fits in (alone, like):
                 cells.append(float(np.mean([error(fit, judging[name]) for fit in fits])))
         cells.append(error(models[name], judging[name]))
-        print(f"| `{name}` | {' | '.join(f'{cell:.2f}' for cell in cells)} |", flush=True)
+        row(f"`{name}`", *(f"{cell:.2f}" for cell in cells))
 
 
 if __name__ == "__main__":

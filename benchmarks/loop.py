@@ -30,7 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import head, parsed, table
+from benchmarks import head, parsed, row
+from benchmarks.arms import homed, recorded, told
 from benchmarks.timing import LoopTiming, TimedBackend
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
@@ -39,8 +40,8 @@ from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
 from truejoint.crtk.arm import BRAKING
 from truejoint.errors import CommandRefused
 from truejoint.estimators import JointRegressor, NeuralNetwork
-from truejoint.motion import Trajectory, follow, random_motion, zigzag
-from truejoint.recordings import Recorder, Recording
+from truejoint.motion import follow, random_motion, zigzag
+from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation import make_twin
 
@@ -80,40 +81,23 @@ class Session:
         self, signals: tuple[str, ...], duration: float, seed: int = 7, pause: float = 0.0
     ) -> Samples:
         """Go on moving at random for `duration` [s], then hold for `pause`; take every sample."""
-        stamps: list[Array] = []
-        parts: list[Array] = []
-
-        def keep(block: StateBlock | TruthBlock) -> None:
-            if isinstance(block, StateBlock):
-                named = (signal.split("/") for signal in signals)
-                columns = [getattr(block, q)[:, block.name.index(c)] for q, c in named]
-                stamps.append(block.t)
-                parts.append(np.column_stack(columns))
-
-        self.arm.subscribe(keep)
-        follow(self.arm, random_motion(self.arm.robot, duration=duration, seed=seed))
-        if pause > 0.0:
-            self.arm.wait(pause)
-        self.arm.unsubscribe(keep)
-        return Samples(signals, np.concatenate(stamps).tolist(), np.concatenate(parts))
+        with told(self.arm, StateBlock) as blocks:
+            follow(self.arm, random_motion(self.arm.robot, duration=duration, seed=seed))
+            if pause > 0.0:
+                self.arm.wait(pause)
+        columns = [block.columns() for block in blocks]
+        rows = [np.column_stack([one[name] for name in signals]) for one in columns]
+        stamps = np.concatenate([block.t for block in blocks])
+        return Samples(signals, stamps.tolist(), np.concatenate(rows))
 
 
 def simulated_session(seed: int = 0) -> Session:
     """Zig-zags for training, and short random motions for the interval."""
-    arm = simulated_arm("raven2", "left", seed=seed)
-    arm.enable()
-    arm.home()
-
-    def record(trajectory: Trajectory) -> Recording:
-        with Recorder(arm, session=trajectory.name, homing_id=HOMING) as recorder:
-            follow(arm, trajectory)
-        return recorder.recording()
-
-    training = [record(zigzag(arm.robot, "J1-J2-J3", 1 / n)) for n in (4, 5)]
-    held_back = [
-        record(random_motion(arm.robot, duration=60, seed=100 + i)) for i in range(TRAJECTORIES)
-    ]
-    return Session(arm, training, held_back)
+    arm = homed(simulated_arm("raven2", "left", seed=seed))
+    paths = [zigzag(arm.robot, "J1-J2-J3", 1 / n) for n in (4, 5)]
+    paths += [random_motion(arm.robot, 60, seed=100 + i) for i in range(TRAJECTORIES)]
+    made = [recorded(arm, path, session=path.name, homing_id=HOMING) for path in paths]
+    return Session(arm, made[:2], made[2:])
 
 
 def wait_until(deadline: float) -> None:
@@ -167,8 +151,7 @@ class Loop:
     def report(self, name: str) -> None:
         """Print a row of the table."""
         periods, missed = STRETCH * len(self.missed), sum(self.missed)
-        share = 100 * missed / periods
-        print(f"| {name} | {periods} | {missed} | {share:.4f} % | {1e3 * self.worst:.1f} |")
+        row(name, periods, missed, f"{100 * missed / periods:.4f} %", f"{1e3 * self.worst:.1f}")
 
 
 def corrector_part(minutes: float, name: str) -> None:
@@ -234,8 +217,7 @@ def paced_part(minutes: float, name: str) -> None:
     ours, theirs = context.Pipe()
     backend = TimedBackend(make_twin("raven2", "left", seed=1))
     with Arm(backend) as arm:
-        arm.enable()
-        arm.home()
+        homed(arm)
         arm.subscribe(correct)
         beside = context.Process(target=empty, args=(seconds, theirs))
         beside.start()
@@ -248,8 +230,8 @@ def paced_part(minutes: float, name: str) -> None:
     print(f"{before} periods of the arm are of its homing\n")
     head("loop", "periods", "median [ms]", "99 % [ms]", "longest [ms]", "late")
     for title, timing in rows.items():
-        times = " | ".join(f"{1e3 * v:.3f}" for v in (timing.median, timing.p99, timing.worst))
-        print(f"| {title} | {timing.periods} | {times} | {100 * timing.late_share:.3f} % |")
+        times = (f"{1e3 * v:.3f}" for v in (timing.median, timing.p99, timing.worst))
+        row(title, timing.periods, *times, f"{100 * timing.late_share:.3f} %")
 
 
 def commands(arm: Arm, rng: np.random.Generator) -> dict[str, Callable[[], object]]:
@@ -309,9 +291,7 @@ def pause_one(
 def stopping_part(pauses: int, seed: int) -> None:
     """Pause again and again, and print what went wrong."""
     rng = np.random.default_rng(seed)
-    arm = simulated_arm(seed=seed)
-    arm.enable()
-    arm.home()
+    arm = homed(simulated_arm(seed=seed))
     names = list(commands(arm, rng))
     times: dict[str, list[float]] = {name: [] for name in names}
     misses = dict.fromkeys(names, 0)
@@ -325,21 +305,17 @@ def stopping_part(pauses: int, seed: int) -> None:
         if not arm.operating_state().is_homed:
             arm.home()
         arm.move_jp(arm.robot.home, np.full(7, 0.04)).wait()
-    header = ("command", "pauses", "median [ms]", "longest [ms]", "allowed [ms]", "misses")
-    rows = (
-        (name, len(laps), *(f"{1e3 * t:.0f}" for t in (np.median(laps), max(laps), ALLOWED)),
-         misses[name])
-        for name, laps in times.items() if laps
-    )  # fmt: skip
-    table(header, rows)
+    head("command", "pauses", "median [ms]", "longest [ms]", "allowed [ms]", "misses")
+    for name, laps in times.items():
+        if laps:
+            shown = (f"{1e3 * t:.0f}" for t in (np.median(laps), max(laps), ALLOWED))
+            row(name, len(laps), *shown, misses[name])
 
 
 def main() -> None:
     """Print the tables that are asked for."""
     parts = ("corrector", "paced", "stopping")
-    options = parsed(
-        __doc__, parts=parts, minutes=10.0, estimator="linear", pauses=1000, seed=0
-    )  # fmt: skip
+    options = parsed(__doc__, parts=parts, minutes=10.0, estimator="linear", pauses=1000, seed=0)
     if "corrector" in options.parts:
         corrector_part(options.minutes, options.estimator)
     if "paced" in options.parts:

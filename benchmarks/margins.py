@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
+from benchmarks.arms import homed, recorded
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration import calibrate
 from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import CommandRefused
-from truejoint.motion import Trajectory, follow, random_motion
-from truejoint.recordings import Recorder
+from truejoint.motion import Trajectory, random_motion
 from truejoint.runtime import Compensator, Corrector, Status
 from truejoint.simulation import TwinOutput
 
@@ -57,19 +57,9 @@ class Late(Compensator):
         return super().step(*self._samples[0], wanted)
 
 
-def homed(seed: int) -> Arm:
+def an_arm(seed: int) -> Arm:
     """Give the arm, homed as all of the same seed."""
-    arm = simulated_arm("raven2", "left", parameters="peng2024", seed=seed)
-    arm.enable()
-    arm.home()
-    return arm
-
-
-def trained(arm: Arm) -> Calibration:
-    """Linear calibration by a random motion of a homed arm."""
-    with Recorder(arm, session="training", homing_id="1") as recorder:
-        follow(arm, random_motion(arm.robot, TRAINING, seed=1))
-    return calibrate([recorder.recording()], "linear").without_redundant()
+    return homed(simulated_arm("raven2", "left", parameters="peng2024", seed=seed))
 
 
 def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array, str]:
@@ -112,21 +102,24 @@ def main() -> None:
     """Print the table."""
     options = parsed(__doc__, seconds=60.0, seed=0)
     logging.disable(logging.WARNING)  # what it says on the way
-    model = trained(homed(options.seed))
-    arm = homed(options.seed)
+    arm = an_arm(options.seed)
+    training = random_motion(arm.robot, TRAINING, seed=1)
+    learnt = recorded(arm, training, session="training", homing_id="1")
+    model = calibrate([learnt], "linear").without_redundant()
+    arm = an_arm(options.seed)
     path = random_motion(arm.robot, options.seconds, seed=2)
     without = errors(arm, path, None)[0].std(axis=0)
     head("loop", *path.joints, "steps OK", "ended by")
-    print(f"| none, a fixed offset |{' 100 % |' * len(without)} | |")
+    row("none, a fixed offset", *["100 %"] * len(without), "", "")
     for title, how in CASES:
-        arm, corrector = homed(options.seed), Corrector(model)
+        arm, corrector = an_arm(options.seed), Corrector(model)
         corrector.set_homing(True, "1")
         loop = Late(corrector, arm.robot, **how)
         error, ended = errors(arm, path, loop)
         rms = 100.0 * np.sqrt(np.mean(error**2, axis=0)) / without
-        shares = " | ".join("-" if np.isnan(share) else f"{share:.0f} %" for share in rms)
+        shares = ("-" if np.isnan(share) else f"{share:.0f} %" for share in rms)
         ok = 100.0 * loop.statuses[Status.OK] / max(loop.statuses.total(), 1)
-        print(f"| {title} | {shares} | {ok:.0f} % | {ended} |", flush=True)
+        row(title, *shares, f"{ok:.0f} %", ended)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,8 @@ import numpy as np
 from tests.chromium import Chromium
 
 import truejoint
-from benchmarks import parsed, table
+from benchmarks import head, parsed, row
+from benchmarks.arms import homed, processor_time, recorded
 from benchmarks.timing import TimedBackend
 from truejoint.crtk import Arm
 from truejoint.errors import TruejointError
@@ -72,14 +73,8 @@ class Clock:
 def spent(page: ArmPage) -> np.ndarray:
     """Processor time [s] of the monitor's threads here, and of the process that draws."""
     here = [t.native_id for t in threading.enumerate() if t.name.startswith("monitor")]
-    ours = sum(ticks(Path(f"/proc/self/task/{task}/stat")) for task in here)
-    return np.array([ours, ticks(Path(f"/proc/{page._page.pid}/stat"))]) / os.sysconf("SC_CLK_TCK")
-
-
-def ticks(file: Path) -> int:
-    """Processor time that the kernel states of a thread or process."""
-    fields = file.read_text().rpartition(")")[2].split()
-    return int(fields[11]) + int(fields[12])
+    ours = sum(processor_time(Path(f"/proc/self/task/{task}/stat")) for task in here)
+    return np.array([ours, processor_time(Path(f"/proc/{page._page.pid}/stat"))])
 
 
 def memory(page: ArmPage) -> float:
@@ -91,12 +86,8 @@ def memory(page: ArmPage) -> float:
 
 def a_model(seed: int) -> truejoint.Calibration:
     """Linear model of the same arm, of a minute of random motion, faster than real time."""
-    arm = truejoint.crtk.simulated_arm("raven2", seed=seed)
-    arm.enable()
-    arm.home()
-    with truejoint.recordings.Recorder(arm) as recorder:
-        follow(arm, random_motion(arm.robot, 60.0, seed=seed))
-    return truejoint.calibrate([recorder.recording()], "linear")
+    arm = homed(truejoint.crtk.simulated_arm("raven2", seed=seed))
+    return truejoint.calibrate(recorded(arm, random_motion(arm.robot, 60.0, seed=seed)), "linear")
 
 
 def move(arm: Arm) -> None:
@@ -111,9 +102,7 @@ def main() -> None:
     options = parsed(__doc__, minutes=10.0, seed=0)
     model = a_model(options.seed)
     backend = TimedBackend(make_twin("raven2", seed=options.seed))
-    arm = Arm(backend)
-    arm.enable()
-    arm.home()
+    arm = homed(Arm(backend))
     threading.Thread(target=move, args=(arm,), daemon=True).start()
     time.sleep(PIECE)
     first = backend.passes
@@ -147,7 +136,8 @@ def main() -> None:
     t, size = np.array(used).T
     later = t >= t[-1] / 2
     slope = np.polyfit(t[later] / 3600.0, size[later], 1)[0]
-    rows = [
+    head("what", "measured", "bar")
+    for cells in (
         ("pictures/s that are made", f"{next(made) / duration:.1f}", "20"),
         ("pictures/s that the browser shows", f"{len(pictures) / duration:.1f}", "20"),
         ("share of a core", f"{share.sum():.3f}", "0.25"),
@@ -158,8 +148,8 @@ def main() -> None:
         ("late periods of the arm alone [%]", f"{100 * alone.late_share:.2f}", ""),
         ("late periods of the arm watched [%]", f"{100 * watched.late_share:.2f}", ""),
         (f"errors on the console {browser.errors[:1]}"[:200], f"{len(browser.errors)}", "0"),
-    ]  # fmt: skip
-    table(("what", "measured", "bar"), rows)
+    ):  # fmt: skip
+        row(*cells)
     print(f"\n{duration / 60:.1f} min, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
 
 

@@ -43,24 +43,10 @@ TESTS = {
 """What runs on a mutant of a module that has no tests of its own."""
 MIRRORS = {
     "filters/filter": ("tests/filters",),
-    "estimators/jaw/signals": ("tests/estimators/jaw/test_error_model.py",),
-    "estimators/jaw/run": ("tests/estimators/jaw/test_jaw_filter.py",),
-    "estimators/jaw_load/run": (
-        "tests/estimators/jaw_load/test_friction_filter.py",
-        "tests/estimators/jaw_load/test_gated_plays.py",
-    ),
-    "estimators/plays/run": ("tests/estimators/plays/test_plays.py",),
-    "estimators/motor_side/run": ("tests/estimators/motor_side/test_rows.py",),
-    "estimators/filtered": ("tests/estimators/jaw/test_jaw_filter.py",),
-    "features/feature_set": ("tests/features",),
-    "estimators/polynomial/run": ("tests/estimators/test_regressors.py",),
     "runtime/compensation": ("tests/runtime/test_compensator.py",),
-    "runtime/compensator": ("tests/runtime/test_compensator.py",),
     "runtime/limits": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
-    "runtime/status": ("tests/runtime/test_status.py",),
     "calibration/calibration": ("tests/calibration/test_conformal.py",),
-    "calibration/model_file": ("tests/calibration/test_model_file.py",),
     "calibration/interval": ("tests/calibration/test_conformal.py",),
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
     "calibration/compatibility": ("tests/calibration/test_truth_zero.py",),
@@ -217,8 +203,7 @@ def judge(mutant: Mutant, text: str, folder: Path) -> Mutant:
     original, stamps = path.read_bytes(), path.stat()
     path.write_text(text)
     package, _, module = mutant.file[:-3].rpartition("/")
-    named = [f"tests/{where}/test_{module}.py" for where in (package, "estimators")]
-    mirrors = [*named, *MIRRORS.get(f"{package}/{module}", ())]
+    mirrors = [f"tests/{package}/test_{module}.py", *MIRRORS.get(f"{package}/{module}", ())]
     tests = [name for name in mirrors if (folder / name).exists()] or TESTS[package]
     before = os.times()
     child = os.fork()

@@ -15,6 +15,7 @@ from __future__ import annotations
 import multiprocessing
 import tempfile
 import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -22,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
+from benchmarks.arms import homed
 from benchmarks.timing import TimedBackend
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.handle import Subscription
@@ -37,27 +39,16 @@ ALLOWED = 1.0  # s
 EARLIEST, LATEST = 0.1, 8.0  # s
 
 
-class Count:
-    """Counts what an arm tells, as its listeners get it."""
-
-    def __init__(self) -> None:
-        self.states = self.truths = 0
-
-    def __call__(self, block: StateBlock | TruthBlock) -> None:
-        """Count the rows of a block."""
-        if isinstance(block, TruthBlock):
-            self.truths += len(block.t)
-        else:
-            self.states += len(block.t)
-
-
 def at_real_time(minutes: float, seed: int, folder: Path) -> None:
     """Record for minutes, and print what arrived, what was kept, and how large it is."""
     backend = TimedBackend(make_twin("raven2", "left", seed=seed))
-    path, count = folder / "long.parquet", Count()
+    path, told = folder / "long.parquet", Counter[type]()
+
+    def count(block: StateBlock | TruthBlock) -> None:
+        told[TruthBlock if isinstance(block, TruthBlock) else StateBlock] += len(block.t)
+
     with Arm(backend) as arm:
-        arm.enable()
-        arm.home()
+        homed(arm)
         motion = random_motion(arm.robot, 60 * minutes, seed)
         with Recorder(arm, state_rate=np.inf, path=path) as recorder:
             arm.subscribe(count)
@@ -68,11 +59,9 @@ def at_real_time(minutes: float, seed: int, folder: Path) -> None:
         timing = backend.timing()
     rows = len(read_recording(path))
     truths = sum(len(piece.t) for piece in recorder._pieces["truth"])
-    print("| wall time [s] | states told | kept | truth told | kept | file [MB] | late periods |")
-    print("|---:|---:|---:|---:|---:|---:|---:|")
-    size = path.stat().st_size / 1e6
-    told = f"{count.states} | {rows} | {count.truths} | {truths}"
-    print(f"| {taken:.0f} | {told} | {size:.1f} | {100 * timing.late_share:.2f} % |", flush=True)
+    head("wall time [s]", "states told", "kept", "truth told", "kept", "file [MB]", "late periods")
+    size, late = f"{path.stat().st_size / 1e6:.1f}", f"{100 * timing.late_share:.2f} %"
+    row(f"{taken:.0f}", told[StateBlock], rows, told[TruthBlock], truths, size, late)
 
 
 class Source:
@@ -153,7 +142,7 @@ def kills(number: int, at_once: int, seed: int, folder: Path) -> None:
     head("killed", "opened", "lost, median [s]", "longest [s]", "allowed [s]", "misses")
     opened, misses = int(np.isfinite(lost).sum()), int((~(lost <= ALLOWED)).sum())
     median, longest = np.median(lost), lost.max()
-    print(f"| {number} | {opened} | {median:.2f} | {longest:.2f} | {ALLOWED:g} | {misses} |")
+    row(number, opened, f"{median:.2f}", f"{longest:.2f}", f"{ALLOWED:g}", misses)
 
 
 def main() -> None:

@@ -35,7 +35,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +43,10 @@ import numpy as np
 from tests.ros_master import Master, environment, free_port
 
 import truejoint
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
+from benchmarks.arms import homed, processor_time
 from truejoint.array_types import Array
-from truejoint.crtk import Arm, RosBackend, SimulatedBackend
+from truejoint.crtk import Arm, RosBackend, simulated_arm
 from truejoint.crtk.backends.ros import TOLERANCE
 from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED
 from truejoint.crtk.ros import Publisher, Transport, open_transport
@@ -68,9 +69,7 @@ CORRECTED = "/arm1/corrected/measured_js"
 
 def session(order: str, faster: float, rate: float) -> truejoint.Recording:
     """Record a zig-zag of the twin, `rate` times a second, faster than the workspace's speeds."""
-    arm = Arm(SimulatedBackend(truejoint.simulation.make_twin("raven2", seed=3)))
-    arm.enable()
-    arm.home()
+    arm = homed(simulated_arm("raven2", seed=3))
     speed = faster * truejoint.motion.workspace_of(arm.robot).speed
     with truejoint.recordings.Recorder(arm, state_rate=rate) as recorder:
         follow(arm, zigzag(arm.robot, order, 1 / 2), speed=speed)
@@ -104,17 +103,14 @@ def say_homed(ros: Transport, states: Publisher) -> None:
 def spent(pid: int | None = None) -> float:
     """Processor time of a process, or of all programs over all cores [s]."""
     if pid is not None:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return processor_time(Path(f"/proc/{pid}/stat"))
     ticks = [int(f) for f in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]]
     return (sum(ticks[:3]) + sum(ticks[5:8])) / os.sysconf("SC_CLK_TCK")
 
 
-@contextmanager
-def node(*words: str) -> Iterator[subprocess.Popen[bytes]]:
+def node(*words: str) -> AbstractContextManager[subprocess.Popen[bytes]]:
     """Run a node of truejoint meanwhile."""
-    with program(sys.executable, "-m", "truejoint", "node", *words) as process:
-        yield process
+    return program(sys.executable, "-m", "truejoint", "node", *words)
 
 
 @contextmanager
@@ -201,10 +197,8 @@ def added_part(ros: Transport, folder: Path, minutes: float, version: int) -> No
     added = np.array([corrected[s] - raw[s] for s in sent if s in corrected and s in raw])
     median, p99, worst = np.quantile(added, [0.5, 0.99, 1.0]) * 1e3
     head("sent", "rate [Hz]", "lost", "added: median [ms]", "p99 [ms]", "worst [ms]", "core")
-    print(
-        f"| {len(sent)} | {len(sent) / passed:.0f} | {lost} | {median:.2f} | {p99:.2f} | "
-        f"{worst:.1f} | {core:.0%} |"
-    )
+    shown = f"{median:.2f}", f"{p99:.2f}", f"{worst:.1f}", f"{core:.0%}"
+    row(len(sent), f"{len(sent) / passed:.0f}", lost, *shown)
 
 
 def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
@@ -253,10 +247,8 @@ def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
         counts = Counter(name for _, name in said)
         texts = ", ".join(f"{name} {count}" for name, count in counts.items())
         silent = said[-1][0] - end_of_all
-        print(
-            f"| {rate:.0f} | {len(raw)} | {len(corrected)}, {len(by_c)} | {' | '.join(shown)} "
-            f"| {texts} | {silent:.2f} |"
-        )
+        messages = f"{rate:.0f}", len(raw), f"{len(corrected)}, {len(by_c)}"
+        row(*messages, *shown, texts, f"{silent:.2f}")
 
 
 def largest_step(rows: Array) -> Array:
@@ -307,12 +299,12 @@ def moves_part(ros: Transport, moves: int) -> None:
                     time.sleep(6.0)
                     gone = np.abs(arm.measured_js(math.inf).position - goal)
                     later = np.maximum(later, gone)
-        silent = sum(bool((row > LIMIT).any()) for row in off)
+        silent = sum(bool((far > LIMIT).any()) for far in off)
         shown = (
             f"{np.degrees(np.delete(worst, 2).max()):.3f} deg, {1e3 * worst[2]:.3f} mm"
             for worst in (np.max(off, axis=0), later)
         )
-        print(f"| {rate:.0f} | {moves} | {' | '.join(shown)} | {refused} | {others} | {silent} |")
+        row(f"{rate:.0f}", moves, *shown, refused, others, silent)
 
 
 def _backend(ros: Transport, profile: str, **how: Any) -> RosBackend:
@@ -409,20 +401,18 @@ def pauses_part(ros: Transport, pauses: int) -> None:
             kind, over = kinds[k % len(kinds)], threading.Event()
             robot.ask("move_jp", ROBOT.home)
             robot.rest_after(0.0)
-            if kind == "move_jp":
-                sender = threading.Thread(
-                    target=robot.ask, args=("move_jp", ROBOT.home + 2.0 * EXTENT)
-                )
-            else:
-                rate = RATES[k % len(kinds) - 1]
+            rate = RATES[k % len(kinds) - 1]
 
-                def stream(rate: float = rate, over: threading.Event = over) -> None:
-                    for i in paced(rate, 10_000):
-                        if over.is_set():
-                            return
-                        robot.ask("servo_jp", wave(i / rate))
+            def send(kind: str = kind, rate: float = rate, over: threading.Event = over) -> None:
+                if kind == "move_jp":
+                    robot.ask("move_jp", ROBOT.home + 2.0 * EXTENT)
+                    return
+                for i in paced(rate, 10_000):
+                    if over.is_set():
+                        return
+                    robot.ask("servo_jp", wave(i / rate))
 
-                sender = threading.Thread(target=stream)
+            sender = threading.Thread(target=send)
             sender.start()
             time.sleep(float(rng.uniform(0.4, 1.2)))
             asked = robot.command("pause", "PAUSED")
@@ -434,8 +424,7 @@ def pauses_part(ros: Transport, pauses: int) -> None:
     head("pause during", "pauses", "median [ms]", "99 % [ms]", "worst [ms]")
     took["all"] = [ms for times in took.values() for ms in times]
     for kind, times in took.items():
-        median, p99, worst = np.quantile(times, [0.5, 0.99, 1.0])
-        print(f"| {kind} | {len(times)} | {median:.0f} | {p99:.0f} | {worst:.0f} |")
+        row(kind, len(times), *(f"{ms:.0f}" for ms in np.quantile(times, [0.5, 0.99, 1.0])))
 
 
 def path_part(ros: Transport) -> None:
@@ -449,9 +438,7 @@ def path_part(ros: Transport) -> None:
         for name, steering in {"alone": None, "motor_loop": motor_loop(ROBOT)}.items():
             report = follow(arm, path, steering=steering)
             a, b, c = report.rms
-            print(
-                f"| {name} | {np.degrees(a):.3f} deg, {np.degrees(b):.3f} deg, {1e3 * c:.3f} mm |"
-            )
+            row(name, f"{np.degrees(a):.3f} deg, {np.degrees(b):.3f} deg, {1e3 * c:.3f} mm")
 
 
 def main() -> None:

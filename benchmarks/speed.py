@@ -18,7 +18,6 @@ Prints Markdown tables; what is above a bar is bold.
 from __future__ import annotations
 
 import importlib.util
-import re
 import statistics
 import subprocess
 import sys
@@ -39,7 +38,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from tests.filters.linear import linear_model
 
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
 from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate, write_calibration
@@ -94,15 +93,15 @@ status = corrector.step({t!r}, {row!r})
 print(time.perf_counter() - start, int(status))
 """
 
-TIMING = """#define _POSIX_C_SOURCE 199309L
+MAIN = """#define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
-#include "{source}"
+#include "m.h"
 #define BATCHES 3000
 #define CALLS 64
-static double taken[BATCHES * CALLS];
+static double taken[BATCHES];
 static double now(void)
 {{
     struct timespec t;
@@ -114,14 +113,11 @@ static int compare(const void *a, const void *b)
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
 }}
-"""
-MAIN = (
-    TIMING
-    + """static const double stamps[] = {stamps};
-static const {real} samples[] = {samples};
+static const double stamps[] = {stamps};
+static const double samples[] = {samples};
 static m_state state;
 static long calls, good;
-static {real} position[M_JOINTS], half_width[M_JOINTS];
+static double position[M_JOINTS], half_width[M_JOINTS];
 static void step(void)
 {{
     const long row = calls % {rows}, round = calls / {rows};
@@ -142,20 +138,10 @@ int main(void)
         taken[i] = (now() - start) / CALLS;
     }}
     qsort(taken, BATCHES, sizeof taken[0], compare);
-    printf("median %.3f us, ", taken[BATCHES / 2]);
-    for (i = 0; i < BATCHES * CALLS; i++) {{
-        const double start = now();
-        step();
-        taken[i] = now() - start;
-    }}
-    qsort(taken, BATCHES * CALLS, sizeof taken[0], compare);
-    printf("p99 %.3f us, p99.9 %.3f us; %.1f %% of the samples corrected\\n",
-        taken[BATCHES * CALLS / 100 * 99], taken[BATCHES * CALLS / 1000 * 999],
-        100.0 * (double)good / (double)calls);
+    printf("%.3f %.1f\\n", taken[BATCHES / 2], 100.0 * (double)good / (double)calls);
     return 0;
 }}
 """
-)
 
 
 def driven_jaw(seed: int) -> Recording:
@@ -220,12 +206,6 @@ def unfitted(name: str) -> JointRegressor:
     return estimator.set_params(**{k: v for k, v in QUICK.items() if k in own})
 
 
-def some_interval(n_joints: int) -> Interval:
-    """Make an interval of no meaning: computing with it takes as long as with any other."""
-    widths = np.full((1, n_joints), 0.01)
-    return Interval(np.array([0.9]), widths, 2.0, 0.0, 9, 9)
-
-
 def build(calibration: Calibration, recording: Recording, folder: Path) -> Path:
     """Export, compile and check a calibration; returns the program that times it."""
     export_c(calibration, folder, prefix="m")
@@ -233,8 +213,6 @@ def build(calibration: Calibration, recording: Recording, folder: Path) -> Path:
     rows = recording.table.iloc[first : first + SAMPLES]
     stamps = rows["t"].to_numpy()
     text = MAIN.format(
-        source="m.h",
-        real="double",
         stamps=table(stamps, "double"),
         samples=table(rows[list(calibration.loop_signals)].to_numpy(), "double"),
         rows=SAMPLES,
@@ -277,10 +255,10 @@ def steps(model: Calibration, unseen: Recording, calls: int) -> dict[str, float]
     with tempfile.TemporaryDirectory() as folder:
         program = build(model, unseen, Path(folder))
         printed = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
-    median, corrected = re.findall(r"median ([\d.]+) us|([\d.]+) % of the samples", printed)
-    if float(corrected[1]) < LEAST_CORRECTED:
-        raise TruejointError(f"{corrected[1]} % of the samples were corrected, too few to time")
-    return {"Python": least, "C": float(median[0])}
+    median, corrected = map(float, printed.split())
+    if corrected < LEAST_CORRECTED:
+        raise TruejointError(f"{corrected} % of the samples were corrected, too few to time")
+    return {"Python": least, "C": median}
 
 
 def cells(
@@ -300,8 +278,9 @@ def cells(
         features = positions if n == SIX and not own else None
         try:
             model = calibrate(training, estimator, features=features)
-            model = replace(model, interval=some_interval(len(model.joints)))
-            yield steps(model, unseen, calls), ""
+            widths = np.full((1, len(model.joints)), 0.01)  # any take as long to compute with
+            interval = Interval(np.array([0.9]), widths, 2.0, 0.0, 9, 9)
+            yield steps(replace(model, interval=interval), unseen, calls), ""
         except TruejointError as reason:
             yield {}, f"{n} joints: {reason}"
 
@@ -355,14 +334,14 @@ def steps_part(names: list[str], calls: int = 6000) -> None:
     head("estimator", *(f"{n} joints, {where} [us]" for n in joints for where in BARS))
     recorded, reasons = recordings(), []
     for name in names:
-        row = [name]
+        shown = [name]
         for found, reason in cells(name, recorded, joints, calls):
             for where, bar in BARS.items():
                 took = found.get(where)
-                shown = "-" if took is None else f"{took:.2f}"
-                row.append(f"**{shown}**" if took is not None and took > bar else shown)
+                text = "-" if took is None else f"{took:.2f}"
+                shown.append(f"**{text}**" if took is not None and took > bar else text)
             reasons += [f"{name}: {reason}"] * bool(reason)
-        print(f"| {' | '.join(row)} |", flush=True)
+        row(*shown)
     print("\n" + "\n".join(reasons))
     session = simulated_session()
     network = session.fit(NeuralNetwork(epochs=2))
@@ -422,14 +401,13 @@ def filter_part() -> None:
     start = time.perf_counter()
     estimator.run(z, u, **PRIOR, dt=DT)
     record = (time.perf_counter() - start) / FILTER_ROWS * 1e6
-    best = float(np.median(laps))
-    print(f"| ours | {best:.2f} | {np.quantile(laps, 0.99):.2f} | | {record:.2f} |", flush=True)
+    best = np.median(laps)
+    row("ours", f"{best:.2f}", f"{np.quantile(laps, 0.99):.2f}", "", f"{record:.2f}")
     if importlib.util.find_spec("filterpy") is None:
-        print("| filterpy is not installed | | | | |")
+        row("filterpy is not installed", *[""] * 4)
         return
-    laps = filterpy_laps(model, z, u)
-    ratio = f"{np.median(laps) / best:.0f} x"
-    print(f"| filterpy | {np.median(laps):.2f} | {np.quantile(laps, 0.99):.2f} | {ratio} | |")
+    median, p99 = np.quantile(filterpy_laps(model, z, u), [0.5, 0.99])
+    row("filterpy", f"{median:.2f}", f"{p99:.2f}", f"{median / best:.0f} x", "")
 
 
 def training_rows(seed: int = 0) -> tuple[Array, Array]:
@@ -479,7 +457,7 @@ def training_part(repeats: int = 3) -> None:
     head(f"fit to {ROWS} x {FEATURES}", f"median of {repeats} [s]", "of scikit-learn", exact)
     for name, (seconds, fitted) in found.items():
         error = np.sqrt(np.mean((fitted.predict(X[ROWS:]) - y[ROWS:]) ** 2))
-        print(f"| {name} | {seconds:.2f} | {seconds / base:.3f} | {error:.4f} |")
+        row(name, f"{seconds:.2f}", f"{seconds / base:.3f}", f"{error:.4f}")
 
 
 def twin_speed(robot: str) -> None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from tests.drawn_arm import FAULTS, NOISE, DrawnArm, block_session, tracker_session, way
 
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.tip import calibrate_by_touch, find_block, zero_by_touch
@@ -39,16 +39,15 @@ def stated(kind: str, repeats: int, factor: float, seeds: range) -> None:
             print(f"arm {seed}: {error}")
             continue
         near, far = (session.tip_error(model, near=there) for there in (True, False))
-        raw = report.left_out_rms / near
-        row = [report.tip.rms / near, report.workspace.rms / far, raw, 1e3 * near, 1e3 * far]
-        ratios.append(row)
+        told = report.tip.rms / near, report.workspace.rms / far, report.left_out_rms / near
+        ratios.append([*told, 1e3 * near, 1e3 * far])
     found = np.array(ratios)
     inside = (np.abs(np.log(found[:, :2])) < np.log(NEAR)).mean(axis=0)
     middle = np.median(found, axis=0)
     cells = [f"{middle[3]:.2f}", f"{middle[0]:.2f}", f"{inside[0]:.0%}", f"{middle[2]:.2f}"]
     cells += [f"{middle[4]:.2f}", f"{middle[1]:.2f}", f"{inside[1]:.0%}"]
     zero = int((found[:, :2] <= 0.0).sum())
-    print(f"| {kind} | {repeats} | {factor:g} | {' | '.join(cells)} | {zero} | {len(found)} |")
+    row(kind, repeats, f"{factor:g}", *cells, zero, len(found))
 
 
 def fault(kind: str, name: str, seeds: range) -> None:
@@ -67,7 +66,7 @@ def fault(kind: str, name: str, seeds: range) -> None:
             continue
         named += any(word in text for text in report.not_seen)
         off.append(session.tip_error(model, near=True) / report.tip.rms)
-    print(f"| {kind}, {name} | {refused} | {named} | {max(off):.1f} | {len(seeds)} |")
+    row(f"{kind}, {name}", refused, named, f"{max(off):.1f}", len(seeds))
 
 
 def rezeroed(seed: int, references: int, millimetres: float) -> float | None:
@@ -110,7 +109,7 @@ def main() -> None:
             off = [rezeroed(seed, references, millimetres) for seed in seeds]
             taken = [value for value in off if value is not None]
             worst = f"{max(taken):.1f}" if taken else "-"
-            print(f"| {millimetres:g} | {references} | {off.count(None)} | {worst} | {len(off)} |")
+            row(f"{millimetres:g}", references, off.count(None), worst, len(off))
 
 
 if __name__ == "__main__":

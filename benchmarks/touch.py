@@ -18,18 +18,20 @@ day of the same arm as a prior.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from benchmarks import head, parsed
+from benchmarks import head, parsed, row
+from benchmarks.arms import homed, recorded, told
 from truejoint import Calibration, Recording, calibrate
 from truejoint.array_types import Array, Mask
-from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
+from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import CalibrationError
-from truejoint.motion import follow, random_motion, zigzag
+from truejoint.motion import random_motion, zigzag
 from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
 from truejoint.robots import Robot
@@ -50,42 +52,38 @@ from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]
 FEW = 6  # touches that re-zero
+PERTURBED = (
+    "pulleys.scale", "pulleys.coupling_shoulder_elbow", "pulleys.coupling_shoulder_insertion",
+    "pulleys.coupling_elbow_insertion", "motor_friction.coulomb", "joint_friction.coulomb",
+    "cable.stiffness",
+)  # fmt: skip
 
 
 def perturbed(specimen: str, seed: int) -> Raven2Parameters:
     """Physics of an arm of its own, of the kind of a specimen."""
     base, rng = Raven2Parameters.read(specimen), np.random.default_rng([seed, 41])
 
-    def by(values: Any, share: float = 0.2) -> Any:
-        sizes = np.asarray(values) * (1.0 + rng.uniform(-share, share, np.shape(values)))
+    def by(values: Any) -> Any:
+        sizes = np.asarray(values) * (1.0 + rng.uniform(-0.2, 0.2, np.shape(values)))
         return tuple(sizes.tolist()) if np.ndim(values) else float(sizes)
 
-    pulleys, homing = base.pulleys, base.homing
     phases = rng.uniform(-np.pi, np.pi, (2, 3))
     zero = np.deg2rad([0.3, 0.5, 0.0]) * rng.standard_normal(3)
     zero[2] = 4e-4 * rng.standard_normal()
+    bias = np.array(base.homing.registration_bias) + zero
     return base.with_values(
         {
-            "pulleys.scale": by(pulleys.scale),
-            "pulleys.coupling_shoulder_elbow": by(pulleys.coupling_shoulder_elbow),
-            "pulleys.coupling_shoulder_insertion": by(pulleys.coupling_shoulder_insertion),
-            "pulleys.coupling_elbow_insertion": by(pulleys.coupling_elbow_insertion),
+            **{name: by(attrgetter(name)(base)) for name in PERTURBED},
             "pulleys.capstan_phase": tuple(phases[0].tolist()),
             "pulleys.joint_phase": tuple(phases[1].tolist()),
-            "motor_friction.coulomb": by(base.motor_friction.coulomb),
-            "joint_friction.coulomb": by(base.joint_friction.coulomb),
-            "cable.stiffness": by(base.cable.stiffness),
-            "homing.registration_bias": tuple((np.array(homing.registration_bias) + zero).tolist()),
+            "homing.registration_bias": tuple(bias.tolist()),
         }
     )
 
 
 def new_arm(specimen: str, seed: int) -> Arm:
     """Arm of a perturbed specimen, homed."""
-    arm = Arm(SimulatedBackend(Raven2Twin(perturbed(specimen, seed), seed=seed)))
-    arm.enable()
-    arm.home()
-    return arm
+    return homed(Arm(SimulatedBackend(Raven2Twin(perturbed(specimen, seed), seed=seed))))
 
 
 def printed_block(arm: Arm, seed: int) -> tuple[Block, Array, Array]:
@@ -116,13 +114,8 @@ def touched(
 def observed(arm: Arm, seed: int) -> Judge:
     """Record five minutes of random motion."""
     motion = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory")
-    blocks: list[StateBlock | TruthBlock] = []
-    with Recorder(arm, session="judge") as recorder:
-        arm.subscribe(blocks.append)
-        follow(arm, motion)
-        arm.unsubscribe(blocks.append)
-    recording = recorder.recording()
-    outputs = [block for block in blocks if isinstance(block, TwinOutput)]
+    with told(arm, TwinOutput) as outputs:
+        recording = recorded(arm, motion, session="judge")
     t, rows = (np.concatenate([getattr(out, name) for out in outputs]) for name in ("t", "joint"))
     stamps = np.array(recording.t) + recording.provenance.start
     measured = recording.columns("measured", arm.robot.joint_names)
@@ -154,13 +147,13 @@ class Session:
     judges: dict[str, Judge]
 
 
-def recorded(specimen: str, seed: int) -> Session:
+def one_session(specimen: str, seed: int) -> Session:
     """Record one arm's first day, and what it touches after a homing."""
-    arm, training = new_arm(specimen, seed), []
-    for direction in ("J1", "J2-J3", "J1-J2-J3"):
-        with Recorder(arm, session=direction) as recorder:
-            follow(arm, zigzag(arm.robot, direction, 1 / 4))
-        training.append(recorder.recording())
+    arm = new_arm(specimen, seed)
+    training = [
+        recorded(arm, zigzag(arm.robot, direction, 1 / 4), session=direction)
+        for direction in ("J1", "J2-J3", "J1-J2-J3")
+    ]
     block, pose, dimples, sides = planned_points(arm, seed)
     first = touched(arm, block, pose, dimples, seed, sides)
     judges = {"first day": observed(arm, seed)}
@@ -278,12 +271,11 @@ def main() -> None:
     for twin in options.twins:
         rows: list[dict[str, Row]] = []
         for seed in range(options.first, options.first + options.arms):
-            session = recorded(twin, seed)
-            rows.append(
-                nothing_rows(session, seed)
-                if options.nothing
-                else rezero_rows(session, options.estimators)
-            )
+            session = one_session(twin, seed)
+            if options.nothing:
+                rows.append(nothing_rows(session, seed))
+            else:
+                rows.append(rezero_rows(session, options.estimators))
             shown = {k: round(1e3 * v["tip"], 3) for k, v in rows[-1].items()}
             print(f"{twin} {seed}: {shown}", flush=True)
         print_table(twin, rows)
@@ -295,13 +287,13 @@ def print_table(twin: str, rows: list[dict[str, Row]]) -> None:
     """Print median and worst tip and joints, over arms, of each row."""
     print()
     head(twin, "tip [mm]", "worst", "shoulder [deg]", "elbow [deg]", "insertion [mm]")
-    for key in dict.fromkeys(key for row in rows for key in row):
-        there = [row[key] for row in rows if key in row]
-        tips = [1e3 * row["tip"] for row in there]
-        joints = np.array([row["joints"] for row in there]) * [180 / np.pi, 180 / np.pi, 1e3]
-        cells = " | ".join(f"{x:.2f}" for x in np.median(joints, axis=0))
+    for key in dict.fromkeys(key for arm in rows for key in arm):
+        there = [arm[key] for arm in rows if key in arm]
+        tips = [1e3 * own["tip"] for own in there]
+        joints = np.array([own["joints"] for own in there]) * [180 / np.pi, 180 / np.pi, 1e3]
         count = f" ({len(there)} arms)" if len(there) < len(rows) else ""
-        print(f"| {key}{count} | {np.median(tips):.2f} | {max(tips):.2f} | {cells} |")
+        numbers = np.median(tips), max(tips), *np.median(joints, axis=0)
+        row(f"{key}{count}", *(f"{x:.2f}" for x in numbers))
 
 
 def print_honesty(twin: str, rows: list[dict[str, Row]]) -> None:
@@ -309,14 +301,14 @@ def print_honesty(twin: str, rows: list[dict[str, Row]]) -> None:
     print()
     head(twin, "near [mm]", "stated / true", "within 1.6", "workspace [mm]", "stated / true",
          "within 1.6")  # fmt: skip
-    for key in dict.fromkeys(key for row in rows for key in row):
-        there, cells = [row[key] for row in rows if key in row], []
+    for key in dict.fromkeys(key for arm in rows for key in arm):
+        there, cells = [arm[key] for arm in rows if key in arm], []
         for stated, true in (("tip_error", "near"), ("tip_error_workspace", "tip")):
-            ratios = np.array([row[stated] / row[true] for row in there])
+            ratios = np.array([own[stated] / own[true] for own in there])
             inside = int((np.abs(np.log(ratios)) < np.log(1.6)).sum())
-            error = 1e3 * np.median([row[true] for row in there])
+            error = 1e3 * np.median([own[true] for own in there])
             cells += [f"{error:.2f}", f"{np.median(ratios):.2f}", f"{inside}"]
-        print(f"| {key} | {' | '.join(cells)} |")
+        row(key, *cells)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ in a file under ``--out`` and is not run again while that is there.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,13 +26,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from tests.simulated_tracker import TRACKERS
 
-from benchmarks import head, parsed, stored
+from benchmarks import head, parsed, row, stored
+from benchmarks.arms import homed, recorded
 from truejoint import calibrate
-from truejoint.crtk import Arm, StateBlock, TruthBlock
-from truejoint.crtk.backends.simulated import SimulatedBackend
-from truejoint.motion import Trajectory, follow, random_motion, zigzag
-from truejoint.recordings import Recorder, Recording, Track
-from truejoint.simulation import TwinOutput, make_twin
+from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
+from truejoint.motion import Trajectory, random_motion, zigzag
+from truejoint.recordings import Recording, Track
+from truejoint.simulation import TwinOutput
 from truejoint.tip import Base, Marker, Registered, Registration, tracked_truth
 from truejoint.units import display_unit
 
@@ -46,21 +47,16 @@ PARTS = {"turn of the base": slice(0, 3), "shift of the base": slice(3, 6), "mar
 
 def bare(recording: Recording) -> Recording:
     """Leave the truth of a recording out."""
-    names = [name for name in recording.units if not name.startswith("truth")]
-    columns = {"t": recording.t} | {name: recording.column(name) for name in names}
-    units = {name: recording.units[name] for name in names}
-    return Recording.from_columns(columns, recording.provenance, units)
+    units = {name: u for name, u in recording.units.items() if not name.startswith("truth")}
+    return replace(recording, table=recording.table[["t", *units]], units=units)
 
 
 class Session:
     """An arm on the twin, and where its joints really are."""
 
     def __init__(self, specimen: str, seed: int) -> None:
-        twin = make_twin("raven2", "left", parameters=specimen, seed=seed)
-        self.arm = Arm(SimulatedBackend(twin))
-        self.arm.enable()
-        self.arm.home()
-        self.robot, self.seed = twin.robot, seed
+        self.arm = homed(simulated_arm("raven2", "left", parameters=specimen, seed=seed))
+        self.robot, self.seed = self.arm.robot, seed
         self._t: list[Array] = []
         self._joint: list[Array] = []
 
@@ -76,15 +72,13 @@ class Session:
         """Record motions, and the true joints (n, 7) at stamps (n,) of the robot's clock."""
         self._t, self._joint = [], []
         self.arm.subscribe(self._take)
-        with Recorder(self.arm, session=f"seed {self.seed}") as recorder:
-            for path in paths:
-                follow(self.arm, path)
+        recording = recorded(self.arm, *paths, session=f"seed {self.seed}")
         self.arm.unsubscribe(self._take)
         joint = np.concatenate(self._joint)
         # What motors show of a held tool is half its cable.
         tool = joint[:, 3:]
         joint[:, 3:] = tool.mean(axis=0) + 0.5 * (tool - tool.mean(axis=0))
-        return recorder.recording(), np.concatenate(self._t), joint
+        return recording, np.concatenate(self._t), joint
 
 
 def tracked(
@@ -164,12 +158,12 @@ def accuracy(specimens: Sequence[str], arms: int, estimator: str, out: Path) -> 
             errors = np.array([arm[name] for arm in found])
             rms = np.sqrt((errors**2).mean(axis=0))
             both = rms / np.sqrt((ours**2).mean(axis=0))
-            cells = " | ".join(f"{value:.3f}" for value in rms[0] * scale)
+            cells = (f"{value:.3f}" for value in rms[0] * scale)
             ratios = [
                 f"{np.exp(np.log(ratio).mean()):.2f} ({', '.join(f'{r:.2f}' for r in ratio)})"
                 for ratio in both
             ]
-            print(f"| {specimen} | {name} | {cells} | {' | '.join(ratios)} |", flush=True)
+            row(specimen, name, *cells, *ratios)
 
 
 def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
@@ -185,9 +179,9 @@ def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
         errors = np.array([run[kind][0] for run in make])
         sds = np.median([run[kind][1] for run in make], axis=0)
         inside = np.abs(errors) < limit
-        cells = " | ".join(f"{100 * inside[:, rows].mean():.0f} %" for rows in PARTS.values())
+        shares = (inside[:, rows].mean() for rows in (*PARTS.values(), slice(None)))
         shown = f"{np.rad2deg(sds[:3].mean()):.3f} deg, {1e3 * sds[3:6].mean():.3f} mm"
-        print(f"| {kind} | {cells} | {100 * inside.mean():.0f} % | {shown} |", flush=True)
+        row(kind, *(f"{100 * share:.0f} %" for share in shares), shown)
 
 
 def main() -> None:

@@ -1,0 +1,50 @@
+"""Arms, homed and recorded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from truejoint.crtk import Arm, StateBlock, TruthBlock
+from truejoint.motion import Trajectory, follow
+from truejoint.recordings import Recorder, Recording
+
+Block = TypeVar("Block", bound=StateBlock)
+
+
+def homed(arm: Arm) -> Arm:
+    """Enable and home an arm."""
+    arm.enable()
+    arm.home()
+    return arm
+
+
+def recorded(arm: Arm, *paths: Trajectory, **how: Any) -> Recording:
+    """Record an arm that follows motions, `how` as `Recorder` takes it."""
+    with Recorder(arm, **how) as recorder:
+        for path in paths:
+            follow(arm, path)
+    return recorder.recording()
+
+
+@contextmanager
+def told(arm: Arm, kind: type[Block]) -> Iterator[list[Block]]:
+    """Give the blocks of a kind that an arm tells meanwhile."""
+    blocks: list[Block] = []
+
+    def keep(block: StateBlock | TruthBlock) -> None:
+        if isinstance(block, kind):
+            blocks.append(block)
+
+    arm.subscribe(keep)
+    yield blocks
+    arm.unsubscribe(keep)
+
+
+def processor_time(stat: Path) -> float:
+    """Processor time [s] that the kernel states of a thread or process in its file ``stat``."""
+    fields = stat.read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
