@@ -33,6 +33,7 @@ def test_a_forceps_is_collected_and_calibrated(call, jaw):
     assert recording.robot.name == "forceps"
     assert recording.joints_of("cable") == ("reset",)
     assert recording.provenance.load == 0.02
+    assert recording.provenance.command.startswith("truejoint collect jaw.csv")
     assert recording.provenance.homing_id == "seed 0, homing 1"
     call.good("calibrate jaw.parquet -e linear -o m.st")
 

@@ -14,7 +14,6 @@ import pytest
 from truejoint import read_calibration, read_recording, write_parquet
 from truejoint.cli.commands import COMMANDS, GROUPS, command
 from truejoint.estimators.registry import estimator_names
-from truejoint.motion import read_trajectory
 from truejoint.recordings.read.map_sketch import QUANTITIES
 from truejoint.robots import robot_names
 
@@ -30,19 +29,6 @@ def test_help_ends_in_an_example_that_is_understood(call, name):
     line = f"{shlex.join(called[1:])} "
     longest = max((n for n in COMMANDS if line.startswith(f"{n} ")), key=len)
     command(longest).make_context("truejoint", called[1 + len(longest.split()) :])
-
-
-def test_session_is_what_was_asked_for(session):
-    path = read_trajectory(session / "zigzag.csv")
-    assert path.joints == ("shoulder", "elbow", "insertion")
-    recording = read_recording(session / "random.parquet")
-    assert recording.t[0] == 0.0
-    assert recording.duration == pytest.approx(60.0, abs=30.0)
-    assert recording.provenance.command.startswith("truejoint collect")
-    assert recording.provenance.load == 0.0
-    model = read_calibration(session / "m.st")
-    assert model.joints == path.joints
-    assert len(model.feature_set) == 16
 
 
 def test_evaluate_judges_and_reports(call, session):

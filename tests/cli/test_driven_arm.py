@@ -90,7 +90,7 @@ def test_it_moves_once_its_name_is_typed(call, session, monkeypatch, typed):
     assert bool(joined) == (typed == "raven2:left")
 
 
-def test_check_looks_on_and_rezero_mends(call, arm, model):
+def test_check_looks_on_and_rezero_mends(call, arm, model, monkeypatch):
     commands = []
     for name, kind in (("state_command", "crtk_msgs/StringStamped"), ("servo_jp", None)):
         arm.ros.subscribe(f"/arm1/{name}", kind or "sensor_msgs/JointState", commands.append)
@@ -104,6 +104,16 @@ def test_check_looks_on_and_rezero_mends(call, arm, model):
     assert mended.offset == pytest.approx(OFFSET, abs=2e-3)
     assert not commands
     assert arm.operating_state().state == "ENABLED"
+
+    def subscribe(topic, *what, **how):
+        end = LocalRos.subscribe(arm.ros, topic, *what, **how)
+        if topic == "/arm1/io/pot/measured_js":
+            arm.ros.send(topic, SimpleNamespace(position=[], name=[]))
+        return end
+
+    monkeypatch.setattr(arm.ros, "subscribe", subscribe)
+    line = f"rezero {model} {OVER} --duration-s 1 --potentiometers -o new.st"
+    call.refuses("keeps no reference of potentiometers", line)  # and needs no truth
 
 
 def test_the_monitor_shows_it_and_leaves_it(call, arm, model, monkeypatch):

@@ -200,13 +200,11 @@ def test_a_rope_that_is_pulled_tighter_stays_on_its_line():
 
 def test_more_tension_is_judged_specimen_by_specimen(swift):
     few = {"tensions": "0.5,2", "count": 1, "masses_g": "100", "methods": "ukf_compensated"}
-    result = run_study("forceps-tension", few)
-    assert list(result.parts) == [
-        f"{law}-00000-{factor}" for law in ("lugre", "capstan") for factor in ("0.5", "2")
-    ]
+    result = run_study("forceps-tension", few | {"priors": "capstan"})
+    assert list(result.parts) == ["capstan-00000-0.5", "capstan-00000-2"]
     (claim,) = result.summary.claims
     assert (claim.verdict, claim.number) == ("cannot be told", "Y20")
-    assert claim.test.endswith("n = 2")
+    assert claim.test.endswith("n = 1")
     mean = np.degrees(result.rows[result.rows.load != "unloaded"].groupby("tension").rms.mean())
     assert f"{mean.iloc[0]:.2f} deg at 0.5" in claim.found
     assert "0.5 of the tension, IV, capstan" in result.summary.tables[0].markdown()
@@ -318,20 +316,6 @@ def test_a_sweep_says_which_sensors_a_designer_needs():
     assert median.rows == worst.rows  # of one specimen
     assert len(median.rows) == 1 + 2 * 2 * 2
     assert "Designs that keep 0.1 deg on every specimen" in median.notes[1]
-
-
-@pytest.mark.usefixtures("briefer")
-def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
-    """A designer's question: a stiffer cable must help whoever has no sensor on it."""
-    rms = {}
-    for stiffness in (9e3, 17e3):
-        file = tmp_path / f"cable-{stiffness:.0f}.toml"
-        cable = f"stiffness = {stiffness}\n"
-        file.write_text(f"[drive_cable]\n{cable}[reset_cable]\n{cable}", encoding="utf-8")
-        result = run_study("forceps-unloaded", {"specimen": file, "methods": "rigid", "draws": 1})
-        rms[stiffness] = select(result.rows, motion="verification").rms.item()
-        assert f"specimen cable-{stiffness:.0f}" in result.summary.tables[0].title
-    assert rms[17e3] < rms[9e3]
 
 
 @pytest.mark.usefixtures("briefer")
