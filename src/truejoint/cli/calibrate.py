@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,14 +11,7 @@ import truejoint
 from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.fit_options import FitOptions, Unfitted
 from truejoint.cli.options import Result
-from truejoint.cli.recording_options import (
-    DataCheck,
-    Files,
-    NewModel,
-    Read,
-    only_dataset,
-    say_failed,
-)
+from truejoint.cli.recording_options import DataCheck, Files, NewModel, only_dataset, say_failed
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
 from truejoint.units import display_unit
@@ -26,36 +19,12 @@ from truejoint.units import display_unit
 _CROSS: Final = "cross"  # in place of recordings for an interval
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Interval that the model file is to state, an option."""
-
-    interval: list[str] | None = None
-
-    @property
-    def is_cross(self) -> bool:
-        """Whether the interval comes from the training recordings."""
-        return self.interval == [_CROSS]
-
-    def find(self, files: Files) -> Read:
-        """Find the recordings for the interval alone."""
-        return files.find([] if self.is_cross else self.interval or [])
-
-    def stated_by(
-        self, fitted: truejoint.Calibration, unseen: Sequence[truejoint.Recording]
-    ) -> truejoint.Calibration:
-        """State an interval by `unseen` recordings, where there are any."""
-        if not unseen:
-            return fitted
-        with progress(f"Making an interval of {len(unseen)} recordings"):
-            return truejoint.calibration.with_interval(fitted, unseen)
-
-
 def calibrate(
     recordings: list[str],
     new: NewModel,
     how: FitOptions,
-    accuracy: Accuracy,
+    *,
+    interval: list[str] | None = None,
     data_check: DataCheck,
     files: Files,
     part: str | None = None,
@@ -64,7 +33,8 @@ def calibrate(
 ) -> Result:
     """Fit a calibration to recordings that hold the true joint positions."""
     recordings, models = _like(like, recordings)
-    if models and accuracy.is_cross:
+    is_cross = interval == [_CROSS]
+    if models and is_cross:
         raise CalibrationError("--like goes with recordings for --interval; leave out cross")
     dataset = only_dataset(recordings)
     unfitted = how.unfitted(dataset)
@@ -73,15 +43,25 @@ def calibrate(
         recordings, part=part, split=split, held_out=False, joints=how.joints or [],
         inputs=suited["features"],
     )  # fmt: skip
-    read_unseen = accuracy.find(files)
+    read_unseen = files.find([] if is_cross else interval or [])
     training, unseen = read_training(), read_unseen()
     check = data_check.run(training, joints=how.joints)
     if check.failed:
-        return refused(check)
-    fitted = fit(training, unfitted, **suited, is_cross=accuracy.is_cross, models=models)
+        say_failed(check)
+        return Result({"model": None, "check": check.to_dict()}, passed=False)
+    fitted = fit(training, unfitted, **suited, is_cross=is_cross, models=models)
     if models:
         _print_like(fitted)
-    return finish(accuracy.stated_by(fitted, unseen), check, new)
+    if unseen:
+        with progress(f"Making an interval of {len(unseen)} recordings"):
+            fitted = truejoint.calibration.with_interval(fitted, unseen)
+    overridden = sorted({finding.name for finding in check.findings if finding.level == "fail"})
+    fitted = replace(fitted, origin=replace(fitted.origin, accepted=tuple(overridden)))
+    new.write(fitted)
+    if "choice" in fitted.metadata:
+        print_choice(fitted)
+    out.print(f"{new.output}: {fitted}", soft_wrap=True)
+    return Result({"model": str(new.output), "metadata": fitted.facts, "check": check.to_dict()})
 
 
 def _like(
@@ -111,25 +91,6 @@ def _print_like(fitted: truejoint.Calibration) -> None:
     names, weights = facts["models"], facts["weights"]
     rows = [[n, *(f"{100 * w[k]:.0f} %" for w in weights.values())] for k, n in enumerate(names)]
     print_table(["model", *weights], rows, title="Weights of models of like instruments")
-
-
-def refused(check: truejoint.recordings.DataCheck) -> Result:
-    """End where the check of the data to fit to failed."""
-    say_failed(check)
-    return Result({"model": None, "check": check.to_dict()}, passed=False)
-
-
-def finish(
-    fitted: truejoint.Calibration, check: truejoint.recordings.DataCheck, new: NewModel
-) -> Result:
-    """Write a calibration and describe it."""
-    overridden = sorted({finding.name for finding in check.findings if finding.level == "fail"})
-    fitted = replace(fitted, origin=replace(fitted.origin, accepted=tuple(overridden)))
-    new.write(fitted)
-    if "choice" in fitted.metadata:
-        print_choice(fitted)
-    out.print(f"{new.output}: {fitted}", soft_wrap=True)
-    return Result({"model": str(new.output), "metadata": fitted.facts, "check": check.to_dict()})
 
 
 def fit(

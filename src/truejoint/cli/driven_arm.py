@@ -22,7 +22,6 @@ from truejoint.units import shown
 if TYPE_CHECKING:
     from truejoint.cli.recording_options import Files
     from truejoint.crtk import Arm, Backend
-    from truejoint.crtk.ros import Transport
     from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.robots import Robot
 
@@ -39,20 +38,16 @@ class Topics:
     namespace: str = ""
     profile: str = ""
 
-    def backend(
-        self, transport: Transport, robot: Robot, truth: str, beside: Sequence[str] = ()
-    ) -> Backend:
-        """Arm on the topics of a node."""
-        make, space = truejoint.crtk.RosBackend, self.namespace
-        return make(transport, robot, self.profile, namespace=space, truth=truth, beside=beside)
-
     @contextmanager
     def over_ros(
         self, robot: Robot, truth: str = "", beside: Sequence[str] = (), *, controls: bool = False
     ) -> Iterator[Arm]:
         """Look on while others move the arm or, where it `controls`, be the only one who does."""
         with joined("truejoint", self.ros or 1) as transport:
-            connected = partial(self.backend, transport, robot, truth, beside)
+            connected = partial(
+                truejoint.crtk.RosBackend, transport, robot, self.profile,
+                namespace=self.namespace, truth=truth, beside=beside,
+            )  # fmt: skip
             with truejoint.crtk.Arm(connected(), controls=False) as device:
                 if not controls:
                     yield device
@@ -131,12 +126,7 @@ class BriefTruth(ArmOnTopics):
             )
         topic = profile_of(robot, self.profile).topic(robot.arm, POT_TOPIC, self.namespace)
         beside = [topic] if potentiometers else []
-        with (
-            joined("truejoint", self.ros) as transport,
-            truejoint.crtk.Arm(
-                self.backend(transport, robot, self.truth, beside), controls=False
-            ) as device,
-        ):
+        with self.over_ros(robot, self.truth, beside) as device:
             if not device.operating_state().is_homed:
                 raise CommandRefused(f"{robot.title} is not homed: home it first")
             say(f"Recording {robot.title} for {duration:g} s ...")

@@ -122,11 +122,9 @@ class Files:
 
         return read if names else list
 
-    def one(
-        self, name: str, *, part: str | None = None, model: truejoint.Calibration | None = None
-    ) -> truejoint.Recording:
-        """Read the one recording that `name` means; `part` and `model` as of `find`."""
-        recordings = self.find([name], part=part, model=model)()
+    def one(self, name: str, *, model: truejoint.Calibration | None = None) -> truejoint.Recording:
+        """Read the one recording that `name` means; `model` as of `find`."""
+        recordings = self.find([name], model=model)()
         if len(recordings) != 1:
             raise RecordingError(f"{name}: {len(recordings)} recordings; this takes one at a time")
         return recordings[0]

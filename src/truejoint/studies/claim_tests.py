@@ -152,9 +152,7 @@ def errors(rows: Any, pick: Pick, **where: Any) -> Array:
     return above / base
 
 
-def ordered(
-    low: Pick, high: Pick, each: Mapping[str, Sequence[Any]], share: float | None = None
-) -> Judge:
+def ordered(low: Pick, high: Pick, each: Mapping[str, Sequence[Any]], share: float = 0.0) -> Judge:
     """Judge whether one error is below another, for each combination of some columns' values.
 
     `each` gives columns that both errors share with their values, in the order of a pair's name.
@@ -168,7 +166,7 @@ def ordered(
             varied = [str(value) for column, value in where.items() if len(each[column]) > 1]
             name = ", ".join(varied or map(str, key))
             pairs.append((name, errors(rows, low, **where), errors(rows, high, **where)))
-        if share is None:
+        if not share:
             return below_all([(a, b) for _, a, b in pairs]), pair_texts(pairs)
         allowed = 1.0 + share
         holds = below_all([(b, allowed * a) for _, a, b in pairs])

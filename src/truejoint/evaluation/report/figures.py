@@ -81,15 +81,6 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False)
 
 
-def coloured(x: Array, y: Array, colour: Array, title: str, highest: float, **style: Any) -> Spec:
-    """Draw dots in a plane by `colour` (n,) from 0 on; the legend leaves them out."""
-    bar = _LOOK["colour_bar"] | {"title": {"text": plain(title), "side": "top"}}
-    marker = _LOOK["coloured_dots"] | {
-        "color": packed(colour), "cmax": highest, "colorbar": bar, **style,
-    }  # fmt: skip
-    return scatter("markers", x, y, title, marker=marker, showlegend=False)
-
-
 def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
     """Draw ``"lines"`` or ``"markers"`` at (n,) points, values in the units of the axes."""
     places = {"x": packed(x), "y": packed(y)}
@@ -101,13 +92,6 @@ def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec
     keys = [key for key in ("width", "dash", "shape") if key in options]
     line = {"color": colour, "width": 1.3} | {key: options.pop(key) for key in keys}
     return scatter("lines", x, y, name, **{"legendgroup": plain(name), "line": line, **options})
-
-
-def broken_path(parts: Sequence[Array], most: int, name: str, colour: str, **options: Any) -> Spec:
-    """Draw curves (n, 2) as one line, broken between them, thinned to about `most` rows."""
-    most = max(2, most // len(parts))
-    x, y = broken(part[every(len(part), most)] for part in parts).T
-    return curve(x, y, name, colour, hoverinfo="skip", **options)
 
 
 def axis(title: str = "", **options: Any) -> Spec:
@@ -309,7 +293,8 @@ def _band(
 
 def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
-    most, parts = _LOOP_POINTS // len(evaluation.joints), by_recording(evaluation.rows.index)
+    parts = by_recording(evaluation.rows.index)
+    most = max(2, _LOOP_POINTS // len(evaluation.joints) // len(parts))  # of each recording
     pairs = ((OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8))
     panels = []
     for column, joint, unit in evaluation.shown_joints():
@@ -318,10 +303,12 @@ def loops(evaluation: Evaluation) -> Figure:
         for name, colour, opacity in pairs:
             path = unit.scale * np.column_stack((truth, evaluation.error(name, joint)))
             options = {"width": 0.7, "opacity": opacity, "showlegend": column == 0}
-            paths = [path[part] for part in parts]
-            curves.append(broken_path(paths, most, estimator_title(name), colour, **options))
-        x = {"title": f"{joint} position [{unit.name}]"}
-        panels.append((x, {"title": f"error [{unit.name}]"}, curves))
+            paths = (path[part] for part in parts)
+            x, y = broken(own[every(len(own), most)] for own in paths).T
+            label = estimator_title(name)
+            curves.append(curve(x, y, label, colour, hoverinfo="skip", **options))
+        across = {"title": f"{joint} position [{unit.name}]"}
+        panels.append((across, {"title": f"error [{unit.name}]"}, curves))
     caption = (
         "Error against true position, as the motion runs through it: before (fixed offset) and "
         "after calibration. Width of a loop is hysteresis, slope is stretch under changing load."
@@ -554,9 +541,11 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     tip = place + _ARROW * np.ptp(place, axis=0).max() / longest * error[:, axes]
     lines = np.full((3 * good.sum(), 2), np.nan)
     lines[0::3], lines[1::3] = place[good], tip[good]
-    highest = float(size[good].max())
+    bar = _LOOK["colour_bar"] | {"title": {"text": "error [mm]", "side": "top"}}
+    marker = _LOOK["coloured_dots"] | {"color": packed(size[good]), "size": 9, "colorbar": bar}
+    marker["cmax"] = float(size[good].max())
     x, y = place[good].T
-    dots = coloured(x, y, size[good], "error [mm]", highest, size=9)
+    dots = scatter("markers", x, y, "error [mm]", marker=marker, showlegend=False)
     style = {"width": 1.5, "hoverinfo": "skip"}
     drawn = [curve(lines[:, 0], lines[:, 1], "direction", GREY, **style), dots]
     if left_out.any():

@@ -111,30 +111,24 @@ def sized(rows: DataFrame) -> DataFrame:
     return long.assign(session=long.draw, rmse=np.degrees(long.rmse))
 
 
-def _sizes(table: str, method: str, run: str = "verification") -> claims.Judge:
+def _sizes(
+    rows: DataFrame, method: str, table: str = "2", run: str = "verification"
+) -> claims.Verdict:
     """Judge whether a method's largest, least and RMS errors are those that a table prints."""
-
-    def judge(rows: DataFrame) -> claims.Verdict:
-        there = reported("yan2020", table, f"trajectory {_RUNS[run][1:-1]}", method)
-        pairs = []
-        for size, key in _PRINTED.items():
-            sizes = claims.by_session(rows, method=method, motion=run, size=size)
-            pairs.append((f"|{key}|", sizes, abs(there[key])))
-        return claims.matches(pairs)
-
-    return judge
+    there = reported("yan2020", table, f"trajectory {_RUNS[run][1:-1]}", method)
+    pairs = []
+    for size, key in _PRINTED.items():
+        sizes = claims.by_session(rows, method=method, motion=run, size=size)
+        pairs.append((f"|{key}|", sizes, abs(there[key])))
+    return claims.matches(pairs)
 
 
-def _saving(size: str, printed: float) -> claims.Judge:
+def _saving(rows: DataFrame, size: str, printed: float) -> claims.Verdict:
     """Judge whether the filter's error is below that of compensated least squares by so much."""
-
-    def judge(rows: DataFrame) -> claims.Verdict:
-        pick = {"method": m.PAPERS_BEST}, {"method": m.PAPERS[1]}
-        saved = 1.0 - claims.errors(rows, pick, size=size, motion="verification")
-        text = f"{100 * saved.mean():.0f} % below; 10 % more or less counts as about"
-        return claims.about(saved, printed - 0.1, printed + 0.1), text
-
-    return judge
+    pick = {"method": m.PAPERS_BEST}, {"method": m.PAPERS[1]}
+    saved = 1.0 - claims.errors(rows, pick, size=size, motion="verification")
+    text = f"{100 * saved.mean():.0f} % below; 10 % more or less counts as about"
+    return claims.about(saved, printed - 0.1, printed + 0.1), text
 
 
 def _next(rows: DataFrame, method: str, **where: Any) -> Array:
@@ -146,13 +140,13 @@ _OTHERS: Final = {"method": m.PAPERS[:2], "motion": ("verification",), "size": (
 UNLOADED_CLAIMS: Final = claims.statements(
     "forceps-unloaded",
     {
-        "27-sizes": _sizes("figure 6", m.PAPERS_BEST, "calibration"),
-        "28-sizes": _sizes("2", m.PAPERS_BEST),
-        "lsm-sizes": _sizes("2", m.PAPERS[0]),
-        "compensated-sizes": _sizes("2", m.PAPERS[1]),
+        "27-sizes": partial(_sizes, method=m.PAPERS_BEST, table="figure 6", run="calibration"),
+        "28-sizes": partial(_sizes, method=m.PAPERS_BEST),
+        "lsm-sizes": partial(_sizes, method=m.PAPERS[0]),
+        "compensated-sizes": partial(_sizes, method=m.PAPERS[1]),
         "order": claims.ordered(_next, {}, _OTHERS),
-        "49-percent": _saving("amplitude", 0.49),
-        "54-percent": _saving("rms", 0.54),
+        "49-percent": partial(_saving, size="amplitude", printed=0.49),
+        "54-percent": partial(_saving, size="rms", printed=0.54),
     },
 )
 _OF_LEAST_SQUARES: Final = (
@@ -296,27 +290,25 @@ def _printed(condition: str, metric: str) -> str:
     return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
 
 
-def _within(phase: str, limit: float, lightest: float = math.inf) -> claims.Judge:
+def _within(
+    rows: DataFrame, phase: str, limit: float, lightest: float = math.inf
+) -> claims.Verdict:
     """Judge whether the filter's error in a phase, or the jaw's turn, stays below a limit [deg].
 
     The largest of the weights below one [kg], in each direction: the paper does not say which way
     it loaded, so where one direction differs, it cannot be told.
     """
-
-    def judge(rows: DataFrame) -> claims.Verdict:
-        rows = rows[rows.mass < lightest]
-        angle = select(rows, phase=phase or "IV", method=m.PAPERS_BEST)
-        angle = angle.assign(angle=np.degrees(angle.rms if phase else angle.turn.abs()))
-        ways: Any = angle.groupby("direction", sort=False)
-        worst = {way: part.groupby("draw").angle.max() for way, part in ways}
-        numbers = ", ".join(
-            f"{angles.max():.2f} deg {way}{claims.against(angles, limit)}"
-            for way, angles in worst.items()
-        )
-        within = {claims.below(angles, limit) for angles in worst.values()}
-        return within.pop() if len(within) == 1 else None, f"worst {numbers}"
-
-    return judge
+    rows = rows[rows.mass < lightest]
+    angle = select(rows, phase=phase or "IV", method=m.PAPERS_BEST)
+    angle = angle.assign(angle=np.degrees(angle.rms if phase else angle.turn.abs()))
+    ways: Any = angle.groupby("direction", sort=False)
+    worst = {way: part.groupby("draw").angle.max() for way, part in ways}
+    numbers = ", ".join(
+        f"{angles.max():.2f} deg {way}{claims.against(angles, limit)}"
+        for way, angles in worst.items()
+    )
+    within = {claims.below(angles, limit) for angles in worst.values()}
+    return within.pop() if len(within) == 1 else None, f"worst {numbers}"
 
 
 def _while_hung(rows: DataFrame) -> claims.Verdict:
@@ -346,11 +338,11 @@ def _as_table_3(rows: DataFrame) -> claims.Verdict:
 LOADED_CLAIMS: Final = claims.statements(
     "forceps-loaded",
     {
-        "phase-1": _within("I", 0.2),
-        "phase-2": _within("II", 0.2),
+        "phase-1": partial(_within, phase="I", limit=0.2),
+        "phase-2": partial(_within, phase="II", limit=0.2),
         "phase-3": _while_hung,
-        "phase-4": _within("IV", 0.5),
-        "light": _within("", 0.5, _LIGHT),
+        "phase-4": partial(_within, phase="IV", limit=0.5),
+        "light": partial(_within, phase="", limit=0.5, lightest=_LIGHT),
         "table-3": _as_table_3,
     },
 )

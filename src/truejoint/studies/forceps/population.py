@@ -34,6 +34,7 @@ from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summa
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""
 UNLOADED: Final = "unloaded"
+_HOMED_ALIKE: Final = {"motion": "calibration", "homing_deviation": 0.0}
 _HELD: Final = 0.15
 """Error under a weight that counts as held [deg]."""
 
@@ -50,14 +51,14 @@ def population_parts(settings: Settings) -> Sequence[Part]:
     for grams, direction in common["loads"]:
         m.load_test(1e-3 * grams, direction)  # refuses what cannot be
     ZeroShift.drawn(common["homing_deviation"], 0)  # the same
+    return _one_each(settings, "specimen", "specimen", common)
+
+
+def _one_each(settings: Settings, key: str, label: str, common: Mapping[str, Any]) -> list[Part]:
+    """One part a specimen, to be judged."""
     drawn = population(settings["count"], settings.seed, settings["prior"])
-    return [
-        Part(
-            f"specimen-{n:05d}", judge, {"forceps": p.to_dict(), "number": n, **common},
-            {"specimen": n},
-        )
-        for n, p in enumerate(drawn)
-    ]  # fmt: skip
+    arguments = [{"forceps": p.to_dict(), "number": n, **common} for n, p in enumerate(drawn)]
+    return [Part(f"{key}-{n:05d}", judge, own, {label: n}) for n, own in enumerate(arguments)]
 
 
 def judge(
@@ -133,10 +134,8 @@ def population_summary(results: Results) -> Summary:
     claims, count = [], len(rms)
     if set(m.PAPERS) <= set(rms) and not len(loaded):
         value = share(rms, *m.PAPERS)
-        holds, found = (
-            mostly(round(value * count), count),
-            f"in {100 * value:.0f} % of {count} drawn",
-        )
+        found = f"in {100 * value:.0f} % of {count} drawn"
+        holds = mostly(round(value * count), count)
         claims.append(CLAIMS["order-population"].claim(holds, found, "", count))
     title = "Population of virtual forceps"
     name = "forceps-mixed" if len(loaded) else "forceps-population"
@@ -164,11 +163,11 @@ def tension_parts(settings: Settings) -> Sequence[Part]:
     settings.check_names("prior", "priors", PRIORS)
     settings.check_names("method", "methods", m.METHODS)
     loads = list(product(settings["masses_g"], settings["directions"]))
-    common = {"methods": settings["methods"], "motion": "calibration", "homing_deviation": 0.0}
+    common = {**_HOMED_ALIKE, "methods": settings["methods"], "loads": loads}
     return [
         Part(
             f"{prior}-{n:05d}-{factor:g}", judge,
-            {"forceps": m.tensioned(p, factor).to_dict(), "number": n, "loads": loads, **common},
+            {"forceps": m.tensioned(p, factor).to_dict(), "number": n, **common},
             {"prior": prior, "specimen": f"{prior} {n}", "tension": factor},
         )
         for prior in settings["priors"]
@@ -207,14 +206,8 @@ def swinging_parts(settings: Settings) -> Sequence[Part]:
     rates = (0.0, *settings["swings_hz"])
     _ = [SwingingLoad(1e-3 * settings["mass_g"], rate) for rate in rates]  # refuses what cannot be
     loads = list(product([settings["mass_g"]], ("shutting", "opening"), rates))
-    common = {"methods": settings["methods"], "motion": "calibration", "homing_deviation": 0.0}
-    return [
-        Part(
-            f"swung-{n:05d}", judge,
-            {"forceps": p.to_dict(), "number": n, "loads": loads, **common}, {"session": n},
-        )
-        for n, p in enumerate(population(settings["count"], settings.seed, settings["prior"]))
-    ]  # fmt: skip
+    common = {**_HOMED_ALIKE, "methods": settings["methods"], "loads": loads}
+    return _one_each(settings, "swung", "session", common)
 
 
 def swinging_summary(results: Results) -> Summary:
@@ -271,15 +264,14 @@ def sweep_parts(settings: Settings) -> Sequence[Part]:
         "mass": settings["mass_g"] / 1e3,
     }
     plants = population(settings["count"], settings.seed, settings["prior"])
+    designs = product(enumerate(plants), *(settings[name] for name in _DESIGNS))
     return [
         Part(
             f"specimen-{n:03d}-{k:g}-{f:g}-{t:g}", measure,
             {"forceps": designed(plant, 1e3 * k, f, t).to_dict(), "number": n, **common},
             {"specimen": n, "stiffness": 1e3 * k, "friction": f, "tension": t},
         )
-        for (n, plant), k, f, t in product(
-            enumerate(plants), *(settings[name] for name in _DESIGNS)
-        )
+        for (n, plant), k, f, t in designs
     ]  # fmt: skip
 
 

@@ -125,7 +125,7 @@ def _trajectories(title: str, works: Sequence[str], minutes: Mapping[str, Array]
 def _as_table_3(rows: DataFrame) -> claims.Verdict:
     hours = select(rows, training=LONGEST, work=UNLOADED, when=("first", "last"))
     hours = hours.assign(condition=hours.hour.map("hour {}".format))
-    return tables.as_printed(partial(_printed, UNLOADED), s.TWO)(hours)
+    return tables.as_printed(hours, partial(_printed, UNLOADED), s.TWO)
 
 
 def _length_gain(rows: DataFrame) -> claims.Verdict:

@@ -144,19 +144,14 @@ def _as_table_4(rows: DataFrame) -> claims.Verdict:
     return claims.matches(pairs)
 
 
-def _quoted(*sources: tuple[str, str, str]) -> claims.Pick:
-    """Smallest of the errors that peng2024 quotes of others, by table, condition and method."""
+def _below(when: str, quantities: Sequence[str], *sources: tuple[str, str, str]) -> claims.Judge:
+    """Judge against the smallest errors of others, by table, condition and method of peng2024."""
 
-    def pick(rows: DataFrame, quantity: str, **_: Any) -> Array:
+    def quoted(rows: DataFrame, quantity: str, **_: Any) -> Array:
         least = min(_printed(*source, quantity) or np.inf for source in sources)
         return np.full(rows.session.nunique(), least)
 
-    return pick
-
-
-def _below(when: str, quantities: Sequence[str], *sources: tuple[str, str, str]) -> claims.Judge:
-    each = {"method": s.TWO, "quantity": quantities}
-    return claims.ordered({"when": when}, _quoted(*sources), each)
+    return claims.ordered({"when": when}, quoted, {"method": s.TWO, "quantity": quantities})
 
 
 RIVALS_CLAIMS: Final = claims.statements(
@@ -253,27 +248,19 @@ def _of(rows: DataFrame, method: str, column: str) -> Array:
 
 def _fits(rows: DataFrame) -> claims.Verdict:
     fits = {name: _of(rows, name, "fit") for name in _BOUNDS}
-    texts = [f"{name} {np.median(seconds):.2f} s" for name, seconds in fits.items()]
-    return claims.below_all([(fits[name], most) for name, most in _BOUNDS.items()]), ", ".join(
-        texts
-    )
+    text = ", ".join(f"{name} {np.median(seconds):.2f} s" for name, seconds in fits.items())
+    return claims.below_all([(fits[name], most) for name, most in _BOUNDS.items()]), text
 
 
-def _servo(name: str, *, expected: bool) -> claims.Judge:
-    def judge(rows: DataFrame) -> claims.Verdict:
-        late = _of(rows, name, "step_99")
-        text = f"{1e6 * np.median(late):.1f} us at 99 %"
-        return claims.below(late, SERVO) if expected else claims.below(SERVO, late), text
-
-    return judge
+def _servo(rows: DataFrame, name: str, *, expected: bool) -> claims.Verdict:
+    late = _of(rows, name, "step_99")
+    text = f"{1e6 * np.median(late):.1f} us at 99 %"
+    return claims.below(late, SERVO) if expected else claims.below(SERVO, late), text
 
 
-def _speed(name: str, seconds: float) -> claims.Judge:
-    def judge(rows: DataFrame) -> claims.Verdict:
-        own = 1e6 * _of(rows, name, "step")
-        return claims.matches([(f"{name}, a sample [us]", own, 1e6 * seconds)])
-
-    return judge
+def _speed(rows: DataFrame, name: str, seconds: float) -> claims.Verdict:
+    own = 1e6 * _of(rows, name, "step")
+    return claims.matches([(f"{name}, a sample [us]", own, 1e6 * seconds)])
 
 
 def _faster(rows: DataFrame, times: float = 1.0) -> claims.Verdict:
@@ -290,10 +277,10 @@ TIMING_CLAIMS: Final = claims.statements(
     "timing",
     {
         "fit-times": _fits,
-        "servo-linear": _servo("linear", expected=True),
-        "servo-network": _servo("dnn", expected=False),
-        "speed-network": _speed("dnn", 61e-3),
-        "speed-linear": _speed("linear", 0.38e-3),
+        "servo-linear": partial(_servo, name="linear", expected=True),
+        "servo-network": partial(_servo, name="dnn", expected=False),
+        "speed-network": partial(_speed, name="dnn", seconds=61e-3),
+        "speed-linear": partial(_speed, name="linear", seconds=0.38e-3),
         "faster-linear": _faster,
         "160-times": partial(_faster, times=_TIMES / 2.0),
     },

@@ -9,10 +9,10 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint.drawing import Figure, Panel, box_plot
-from truejoint.studies.claim_tests import by_session, matches
+from truejoint.studies.claim_tests import Verdict, by_session, matches
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
 from truejoint.studies.rows import frame_table, mean_text, reported, select, unique
-from truejoint.studies.study import Holds, Results, Summary
+from truejoint.studies.study import Results, Summary
 from truejoint.tables import DASH, Table, fixed
 
 Paper = Callable[[str, str, str], float | None]
@@ -33,19 +33,15 @@ def printed(table: str, form: str) -> Paper:
     ).get("rmse")
 
 
-def as_printed(paper: Paper, methods: Sequence[str]) -> Callable[[DataFrame], tuple[Holds, str]]:
+def as_printed(rows: DataFrame, paper: Paper, methods: Sequence[str]) -> Verdict:
     """Judge whether errors of some methods are those that the paper prints, in every cell."""
-
-    def judge(rows: DataFrame) -> tuple[Holds, str]:
-        pairs = []
-        for key in product(unique(rows, "condition"), JOINTS, methods):
-            there = paper(*key)
-            if there is not None:
-                own = by_session(rows, **dict(zip((*_CELL, "method"), key, strict=True)))
-                pairs.append((", ".join(key), own, there))
-        return matches(pairs)
-
-    return judge
+    pairs = []
+    for key in product(unique(rows, "condition"), JOINTS, methods):
+        there = paper(*key)
+        if there is not None:
+            own = by_session(rows, **dict(zip((*_CELL, "method"), key, strict=True)))
+            pairs.append((", ".join(key), own, there))
+    return matches(pairs)
 
 
 def readable(rows: DataFrame) -> DataFrame:

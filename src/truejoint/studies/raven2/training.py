@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -83,23 +84,19 @@ def _best_overall(fine: DataFrame) -> claims.Verdict:
     return holds, f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
 
 
-def _best_of_joint(joint: int, *expected: str) -> claims.Judge:
+def _best_of_joint(fine: DataFrame, joint: int, expected: Sequence[str]) -> claims.Verdict:
     """Whether the `expected` direction of each of `MODELS` errs least in a joint."""
-
-    def judge(fine: DataFrame) -> claims.Verdict:
-        pairs, texts = [], []
-        for method, direction in zip(s.MODELS, expected, strict=True):
-            of: dict[str, Any] = {"joint": s.JOINTS[joint], "method": method}
-            errors = {name: claims.by_session(fine, condition=name, **of) for name in DIRECTIONS}
-            least = min(errors, key=lambda name: float(errors[name].mean()))
-            pairs += [(errors[direction], errors[n]) for n in errors if n != direction]
-            texts.append(f"{method}: {least} {errors[least].mean():.3f}")
-            if least != direction:
-                texts[-1] += f", {direction} {errors[direction].mean():.3f}"
-                texts[-1] += claims.against(errors[direction], errors[least])
-        return claims.below_all(pairs), "; ".join(texts)
-
-    return judge
+    pairs, texts = [], []
+    for method, direction in zip(s.MODELS, expected, strict=True):
+        of: dict[str, Any] = {"joint": s.JOINTS[joint], "method": method}
+        errors = {name: claims.by_session(fine, condition=name, **of) for name in DIRECTIONS}
+        least = min(errors, key=lambda name: float(errors[name].mean()))
+        pairs += [(errors[direction], errors[n]) for n in errors if n != direction]
+        texts.append(f"{method}: {least} {errors[least].mean():.3f}")
+        if least != direction:
+            texts[-1] += f", {direction} {errors[direction].mean():.3f}"
+            texts[-1] += claims.against(errors[direction], errors[least])
+    return claims.below_all(pairs), "; ".join(texts)
 
 
 def _removed(fine: DataFrame) -> claims.Verdict:
@@ -118,18 +115,23 @@ def _percents(shares: Array) -> str:
     return ", ".join(f"{v:.0f} %" for v in shares.mean(axis=0))
 
 
+_BEST_OF_JOINTS: Final = (
+    ("J2-J3", "J1-J3", "J2-J3"), ("J2-J3", "J1-J2-J3", "J1-J2-J3"), ("J3", "J3", "J3")
+)  # fmt: skip
+"""Direction that peng2024 finds best of each joint, by `MODELS`."""
 _ROWS: Final = ("network", "polynomial", "linear", "offset", "raw")
 DIRECTIONS_CLAIMS: Final = claims.statements(
     "directions",
     {
         "best-direction": _best_overall,
-        "best-joint-1": _best_of_joint(0, "J2-J3", "J1-J3", "J2-J3"),
-        "best-joint-2": _best_of_joint(1, "J2-J3", "J1-J2-J3", "J1-J2-J3"),
-        "best-joint-3": _best_of_joint(2, "J3", "J3", "J3"),
+        **{
+            f"best-joint-{n + 1}": partial(_best_of_joint, joint=n, expected=expected)
+            for n, expected in enumerate(_BEST_OF_JOINTS)
+        },
         "a-quarter": _removed,
         "offset-of-raw": _offset_of_raw,
         **{
-            f"table-1-{name}": tables.as_printed(_printed, (method,))
+            f"table-1-{name}": partial(tables.as_printed, paper=_printed, methods=(method,))
             for name, method in zip(_ROWS, s.METHODS, strict=True)
         },
     },
@@ -222,7 +224,7 @@ TARGETS_CLAIMS: Final = claims.statements(
     "targets",
     {
         "target-same": claims.ordered({"target": "error"}, _difference, _EITHER_WAY, 1e-3),
-        "table-2": tables.as_printed(_TABLE_2, s.TWO),
+        "table-2": partial(tables.as_printed, paper=_TABLE_2, methods=s.TWO),
     },
 )
 
