@@ -17,7 +17,7 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.paper import cases
-from truejoint.studies.rows import frame_table, select
+from truejoint.studies.rows import frame_table, notes_on, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -169,16 +169,10 @@ def _weights(rows: DataFrame) -> Table:
         f"{1e3 * value:.1f} mNm ({one.grams * value:.0f} g)"
         for value in (2.0 * one.friction, 2.0 * one.true_friction)
     )
-    notes = [
-        f"Torque in mNm (grams at {1e3 * one.arm:.1f} mm), still under the weight. Identified"
-        f" with {', '.join(f'{1e3 * mass:.0f}' for mass in CALIBRATION_WEIGHTS)} g each way, "
-        "but where the drive cable is slack: "
-        f"K_d = {one.drive_stiffness / 1e3:.1f} +- {one.deviation / 1e3:.1f} kN/m, "
-        f"growing by {one.growth:.0f} N/m per N; cable and gear have "
-        f"{one.true_stiffness / 1e3:.1f}.",
-        f"Dead band: up to {friction} against the last motion may not show, since the jaw's "
-        f"friction holds them; in truth {true_friction}.",
-    ]
+    values = {"known": ", ".join(f"{1e3 * mass:.0f}" for mass in CALIBRATION_WEIGHTS)}
+    values |= {"friction": friction, "true_friction": true_friction}
+    stiffness = [one[name] / 1e3 for name in ("drive_stiffness", "deviation", "true_stiffness")]
+    notes = notes_on("load", arm=1e3 * one.arm, stiffness=stiffness, growth=one.growth, **values)
     if len(slack):
         notes.append(
             f"Left out, since the drive cable is slack under it: {', '.join(slack.index)}."
@@ -214,14 +208,10 @@ def _population(settings: Settings, rows: DataFrame) -> Table:
             body[f"stated 90 % of the {kind}, {case}"] = ["", "", "", stated]
     opposing = errors["opposing"].to_numpy()
     below = np.mean(opposing <= floor.to_numpy()) if len(opposing) == len(floor) else math.nan
-    notes = (
-        f"{len(one)} specimens of seed {settings.seed}. Weights "
-        f"{', '.join(f'{mass:g}' for mass in settings['masses_g'])} g; still under each. The floor "
-        "is of an estimate that sees all but what jaw and guide may hide, evenly from nothing "
-        f"to twice its size; opposing is no worse in {100 * below:.0f} %.",
-        f"Stiffness within 5 % in {100 * np.mean(stiffness <= 5.0):.0f} %. "
-        f"Left out, since the drive cable is slack under it: {len(select(rows, case=SLACK))} "
-        "weights.",
-    )
+    notes = notes_on(
+        "load_population", specimens=len(one), seed=settings.seed, below=100 * below,
+        masses=", ".join(f"{mass:g}" for mass in settings["masses_g"]),
+        stiff=100 * np.mean(stiffness <= 5.0), slack=len(select(rows, case=SLACK)),
+    )  # fmt: skip
     table = DataFrame.from_dict(body, "index", columns=["median", "95 %", "worst", "stated"])
     return frame_table("External load over the specimens", table, notes, decimals=1)

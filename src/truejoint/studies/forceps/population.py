@@ -350,14 +350,9 @@ def sweep_summary(results: Results) -> Summary:
         **{load: np.degrees(rows[load]) for load in _LOADS},
     )
     by = rows.groupby(["sensors", "cables"], sort=False)[_LOADS]
-    reach, under = (by.max() <= settings["target_deg"]).all(axis=1), f"{settings['mass_g']:g} g"
-    notes = (
-        f"RMS error in degrees against the reference encoder, on (28)/still under {under}, the "
-        f"worse of both directions; {settings['count']} specimens of seed {settings.seed}, prior "
-        f"{settings['prior']}, each homed anew.",
-        f"Designs that keep {settings['target_deg']:g} deg on every specimen, loaded and unloaded: "
-        f"{'; '.join(map(', '.join, reach[reach].index)) or 'none'}.",
-    )
+    reach = (by.max() <= settings["target_deg"]).all(axis=1)
+    good = "; ".join(map(", ".join, reach[reach].index)) or "none"
+    notes = notes_on("sweep", **settings.options, seed=settings.seed, good=good)
     tables = []
     for title, errors in (("median", by.median()), ("worst specimen", by.max())):
         texts = errors.map("{:.3f}".format)
