@@ -30,8 +30,6 @@ def compute(n, seed, scale):
     if trouble and int(where) == n:
         if trouble == "refuse":
             raise TruejointError("the plant is out of order")
-        if trouble == "interrupt":
-            raise KeyboardInterrupt
         if trouble == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
         if trouble == "orphan":

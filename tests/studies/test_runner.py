@@ -67,17 +67,6 @@ def test_parts_of_other_sources_are_left_aside_and_counted(toy, tmp_path, monkey
     assert run_study(toy.study, folder=tmp_path, preset="small").aside == 1, "of nobody knows which"
 
 
-def test_an_interrupt_loses_the_part_in_hand_alone(toy, tmp_path):
-    toy.trouble("interrupt@2")
-    with pytest.raises(KeyboardInterrupt):
-        run_study(toy.study, folder=tmp_path)
-    assert toy.computed == [0, 1]
-    toy.trouble("")
-    result = run_study(toy.study, folder=tmp_path)
-    assert toy.computed == [2, 3]
-    assert result.to_dict() == run_study(toy.study).to_dict()
-
-
 PROGRAM = """
 import sys; sys.path.insert(0, sys.argv[1])
 from truejoint.studies import Option, Study, run_study
@@ -104,8 +93,9 @@ def test_a_process_that_is_killed_loses_the_part_in_hand_alone(toy, tmp_path):
     assert in_a_process(tmp_path, 1) == -9
     assert toy.computed == [0, 1]
     toy.trouble("")
-    run_study(toy.study, folder=tmp_path)
+    result = run_study(toy.study, folder=tmp_path)
     assert toy.computed == [2, 3]
+    assert result.to_dict() == run_study(toy.study).to_dict()
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 
-from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
@@ -63,7 +62,5 @@ def test_the_provenance_says_which_instrument_homing_and_load():
     ],
 )
 def test_a_sensor_that_is_not_installed_leaves_no_column(values, columns):
-    parameters = specimen().with_values(values)
-    recording = record_forceps(parameters, MOTION)
-    assert isinstance(recording, Recording)
+    recording = record_forceps(specimen().with_values(values), MOTION)
     assert recording.joints_of("cable") == columns
