@@ -80,7 +80,6 @@ class Mutant:
     before: str
     after: str
     outcome: str = ""  # "killed", "survived" or "hung"
-    is_compiled: bool = True  # kernels may hold what was changed
     by: str = ""  # the test that failed
     seconds: float = 0.0
 
@@ -145,7 +144,6 @@ def all_mutants(wanted: Sequence[str]) -> list[tuple[Mutant, str]]:
             text = path.read_bytes()
             starts = np.cumsum([0, *map(len, text.splitlines(keepends=True))])
             tree = ast.parse(text)
-            functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
             for node, changed in changes(tree):
                 begin = starts[node.lineno - 1] + node.col_offset
                 end = starts[node.end_lineno - 1] + node.end_col_offset
@@ -153,53 +151,18 @@ def all_mutants(wanted: Sequence[str]) -> list[tuple[Mutant, str]]:
                 if isinstance(node, ast.expr):
                     after = f"({after})"
                 mutated = text[:begin] + after.encode() + text[end:]
-                is_compiled = b"truejoint.compiled" in text or not any(
-                    f.lineno <= node.lineno <= f.end_lineno for f in functions
-                )
-                file = f"{package}/{path.name}"
-                mutant = Mutant(file, node.lineno, before, after, is_compiled=is_compiled)
+                mutant = Mutant(f"{package}/{path.name}", node.lineno, before, after)
                 found.append((mutant, mutated.decode()))
     return found
 
 
-def importers(module: str, sources: Path) -> set[Path]:
-    """Files below `sources` into whose compiled kernels a module's may have gone."""
-    names = {
-        ".".join(path.relative_to(sources).with_suffix("").parts): path
-        for path in sources.rglob("*.py")
-    }
-    imports = {}
-    for name, path in names.items():
-        texts = set()
-        for node in ast.walk(ast.parse(path.read_bytes())):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                texts |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-        imports[name] = texts
-    reached, new = {module}, {module}
-    while new:
-        new = {name for name, texts in imports.items() if texts & new} - reached
-        reached |= new
-    return {names[name] for name in reached}
-
-
-def stale_kernels(mutant: Mutant, folder: Path) -> list[Path]:
-    """Compiled kernels on the disk that may hold what the mutant changes."""
-    if not mutant.is_compiled:
-        return []
-    module = "truejoint." + mutant.file[:-3].replace("/", ".")
-    return [
-        cached
-        for path in importers(module, folder / "src")
-        for cached in (path.parent / "__pycache__").glob(f"{path.stem}.*.nb?")
-    ] + list((folder / "tests").rglob("*.nb?"))
-
-
 def judge(mutant: Mutant, text: str, folder: Path) -> Mutant:
-    """Run the tests on a mutant in a copy of sources and tests, and leave the copy as it was."""
+    """Run the tests on a mutant in a copy of sources and tests, and leave the copy as it was.
+
+    Kernels that hold what it changes are compiled anew, in place of those that were kept.
+    """
     path = folder / "src" / "truejoint" / mutant.file
-    kept = {cached: cached.read_bytes() for cached in stale_kernels(mutant, folder)}
-    for cached in kept:
-        cached.unlink()
+    kept = {cached: cached.read_bytes() for cached in folder.rglob("*.nb?")}
     original, stamps = path.read_bytes(), path.stat()
     path.write_text(text)
     package, _, module = mutant.file[:-3].rpartition("/")
@@ -213,7 +176,7 @@ def judge(mutant: Mutant, text: str, folder: Path) -> Mutant:
     after = os.times()
     path.write_bytes(original)
     os.utime(path, ns=(stamps.st_atime_ns, stamps.st_mtime_ns))  # else all compiles anew
-    for cached in stale_kernels(mutant, folder):
+    for cached in folder.rglob("*.nb?"):
         cached.unlink()
     for cached, content in kept.items():
         cached.write_bytes(content)
