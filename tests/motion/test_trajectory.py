@@ -63,6 +63,7 @@ def test_other_units_are_refused():
           for sparsity in (0.0, -0.25, 1.01, 0.019, np.nan, np.inf)),
         *((zigzag, (ROBOT, direction), "known: J1, J2, J3, J1-J2")
           for direction in ("J4", "J2-J1", "shoulder", "")),
+        (zigzag, (KUKA, "J1"), "no calibration workspace is known for kuka_kr300"),
         *((random_motion, (ROBOT, duration), "must be within") for duration in (0.0, np.nan, 1e6)),
         (partial(random_motion, rate=0.5), (ROBOT, 60.0), "must be within"),
         (random_motion, (ROBOT, 60.0, -1), "seed is -1"),
