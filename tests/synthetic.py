@@ -72,3 +72,15 @@ def make_recording(
     )
     units = {f"effort/{joint.name}": joint.effort_unit for joint in model.joints} if effort else {}
     return Recording.from_columns(columns, information, units)
+
+
+def jaw_motion(seed: int, **about: Any) -> Recording:
+    """Four seconds of a jaw whose cable stretches with its effort."""
+    random = np.random.default_rng(seed)
+    t = np.arange(400) / 100
+    jaw = 0.5 + 0.3 * np.sin(2 * t + random.uniform(0, 6)) * np.sin(5 * t)
+    effort = 0.02 * np.cos(3 * t + random.uniform(0, 6)) + 1e-3 * random.standard_normal(400)
+    truth = 1.02 * jaw + 0.5 * effort + 0.01 + 1e-4 * random.standard_normal(400)
+    columns = {"t": t, "measured/jaw": jaw, "effort/jaw": effort, "truth/jaw": truth}
+    about = {"source": f"motion_{seed}.csv", "session": str(seed), **about}
+    return Recording.from_columns(columns, Provenance("davinci_grasper", **about))

@@ -12,31 +12,17 @@ import pandas as pd
 import pytest
 from tests.conftest import LaggingBackend
 from tests.filters.linear import linear_model
+from tests.synthetic import jaw_motion
 
 import truejoint
-from truejoint import Recording
-from truejoint.recordings import Provenance
 
+SOURCE = Path(truejoint.__file__).parent
 PACKAGES = (
-    "truejoint",
-    "truejoint.calibration",
-    "truejoint.crtk",
     "truejoint.errors",
-    "truejoint.estimators",
-    "truejoint.evaluation",
-    "truejoint.export",
-    "truejoint.filters",
-    "truejoint.features",
-    "truejoint.monitor",
-    "truejoint.motion",
-    "truejoint.recordings",
-    "truejoint.recordings.datasets",
-    "truejoint.robots",
-    "truejoint.runtime",
     "truejoint.simulation",
-    "truejoint.studies",
-    "truejoint.tip",
-)
+    *(".".join(stub.parent.relative_to(SOURCE.parent).parts)
+      for stub in sorted(SOURCE.rglob("__init__.pyi"))),
+)  # fmt: skip
 
 
 @cache
@@ -58,26 +44,14 @@ def _public(package: str) -> dict[str, Any]:
 NAMES = [(package, name) for package in PACKAGES for name in _public(package)]
 
 
-def _motion(seed: int) -> Recording:
-    """Four seconds of a jaw whose cable stretches with its effort."""
-    random = np.random.default_rng(seed)
-    t = np.arange(400) / 100
-    jaw = 0.5 + 0.3 * np.sin(2 * t + random.uniform(0, 6)) * np.sin(5 * t)
-    effort = 0.02 * np.cos(3 * t + random.uniform(0, 6)) + 1e-3 * random.standard_normal(400)
-    truth = 1.02 * jaw + 0.5 * effort + 0.01 + 1e-4 * random.standard_normal(400)
-    columns = {"t": t, "measured/jaw": jaw, "effort/jaw": effort, "truth/jaw": truth}
-    about = Provenance("davinci_grasper", source=f"motion_{seed}.csv", session=str(seed))
-    return Recording.from_columns(columns, about)
-
-
 @pytest.fixture(scope="session")
 def variables() -> dict[str, Any]:
     """What the examples may use: recordings, a calibration and how good it is, an arm, a filter."""
-    training = [_motion(seed) for seed in range(2)]
+    training = [jaw_motion(seed) for seed in range(2)]
     model = truejoint.calibrate(training, "linear")
-    unseen = [_motion(seed) for seed in range(10, 19)]
+    unseen = [jaw_motion(seed) for seed in range(10, 19)]
     model = truejoint.calibration.with_interval(model, unseen)
-    test = _motion(9)
+    test = jaw_motion(9)
     arm = truejoint.crtk.Arm(LaggingBackend(0.02))
     arm.enable()
     arm.home()

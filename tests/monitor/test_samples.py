@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.monitor.conftest import motion
+from tests.synthetic import jaw_motion
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RecordingError
@@ -81,15 +81,6 @@ def test_a_picture_waits_for_the_next_reading(jaw_recording, live):
     assert live.row([later], [truth]).t[0] == pytest.approx(0.12)
 
 
-def test_without_a_recent_truth_the_latest_row_is_shown(jaw_recording, live):
-    state, truth = _blocks(jaw_recording, 0, 8)
-    live.row([state], [truth])
-    later, _ = _blocks(jaw_recording, 8, 20)
-    row = live.row([later], [])
-    assert row.t[0] == later.t[-1]
-    assert np.isnan(row.truth).all()
-
-
 def test_what_is_not_vouched_for_is_not_shown(jaw_recording, jaw_model, live):
     live.set_homing(True, "another")
     state, truth = _blocks(jaw_recording, 0, 40)
@@ -128,7 +119,9 @@ def test_an_arm_faster_than_real_time_is_shown_where_it_is_now(jaw_recording):
 
 
 def test_a_model_that_counts_samples_gets_them_at_its_rate(jaw_recording):
-    model = calibrate([motion(0)], "linear", features=["measured/jaw", "lag(measured/jaw, 1)"])
+    model = calibrate(
+        [jaw_motion(0, homing_id="h")], "linear", features=["measured/jaw", "lag(measured/jaw, 1)"]
+    )
     live = LiveSamples(get_robot("davinci_grasper"), model)
     live.set_homing(True, "h")
     state, _ = _blocks(jaw_recording, 0, 40)
@@ -167,11 +160,3 @@ def test_a_recording_without_measured_positions_is_refused():
     recording = Recording.from_columns(columns, Provenance("davinci_grasper", source="a.csv"))
     with pytest.raises(RecordingError, match=r"a.csv has no measured position .* nothing to show"):
         Samples.of_recording(recording)
-
-
-def test_rows_are_joined_in_order(jaw_recording):
-    samples = Samples.of_recording(jaw_recording)
-    again = Samples.joined([samples.rows(slice(0, 3)), samples.rows(slice(3, 10))])
-    assert np.array_equal(again.reported, samples.reported[:10])
-    assert len(again) == 10
-    assert again.joints == ("jaw",)
