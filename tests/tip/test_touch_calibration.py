@@ -57,35 +57,15 @@ def without_truth(recording: Recording) -> Recording:
     return Recording.from_columns(columns, recording.provenance)
 
 
-def in_block(model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the tip in the estimated block, as corrected, and in the true one."""
-    facts = model.metadata["touch"]
+def error_in_block(model, translation: np.ndarray) -> float:
+    """RMS error of the tip [m] on another motion, in a block that stands at `translation`."""
+    recording, facts = session(20, 9)[0], model.metadata["touch"]
     joint = recording.columns("measured", ROBOT.joint_names)
     true = joint.copy()
     joint[:, :3], true[:, :3] = model.correct(recording), recording.columns("truth", model.joints)
-    tip = ROBOT.kinematics.forward(joint)[:, :3, 3]
+    tip, there = (ROBOT.kinematics.forward(each)[:, :3, 3] for each in (joint, true))
     found = (tip - np.array(facts["translation"])) @ np.array(facts["rotation"]) / facts["scale"]
-    return found, (ROBOT.kinematics.forward(true)[:, :3, 3] - session()[3]) @ ROTATION
-
-
-def error_in_block(model, at: int = 0) -> float:
-    """RMS error of the tip [m] on another motion, in the block of the session of a seed."""
-    found, true = in_block(model, session(20, 9)[0])
-    shift = session(30, at)[3] - session()[3]
-    return float(np.sqrt(((found - (true - shift @ ROTATION)) ** 2).sum(axis=1).mean()))
-
-
-def test_the_tip_is_right_in_the_block(calibrated):
-    model, report = calibrated
-    other = session(30, 7)[0]
-    found, true = in_block(model, other)
-    error = np.sqrt(((found - true) ** 2).sum(axis=1).mean())
-    raw = recorded(other.columns("measured", ROBOT.joint_names), TRUE_ZERO)
-    uncorrected = raw.error(model.joints)
-    assert error < 3e-4
-    assert np.abs(uncorrected[:, 1]).mean() * 0.1 > 5 * error
-    assert 0.5 * error < report.tip.rms < 2.0 * error
-    assert not report.fit.left_out.any()
+    return float(np.sqrt(((found - (there - translation) @ ROTATION) ** 2).sum(axis=1).mean()))
 
 
 def test_what_was_not_seen_is_said_and_no_joint_accuracy_stated(calibrated):
@@ -117,13 +97,13 @@ def test_it_is_an_ordinary_model(calibrated, tmp_path):
 
 
 def test_wrong_touches_are_named_and_do_little_harm():
-    recording, touches, block, _ = session(30, 2)
+    recording, touches, block, translation = session(30, 2)
     points = dict(block.points)
     points["4"] = points["4"] + [1.5e-3, 1e-3, -1e-3]
     points["11"], points["20"] = points["20"], points["11"]
     model, report = calibrate_by_touch(recording, touches, replace(block, points=points))
     assert model.metadata["touch"]["left_out"] == ["4", "11", "20"]
-    assert error_in_block(model, 2) < 4e-4
+    assert error_in_block(model, translation) < 4e-4
     assert report.tip.rms < 5e-4
 
 
@@ -159,12 +139,14 @@ def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():
 
 
 def test_a_prior_that_contradicts_the_touches_is_not_used(calibrated):
-    recording, touches, block, _ = session()
+    recording, touches, block, translation = session()
     wrong = replace(fitted(), offsets={"model": np.array([0.0, 0.5, 0.05])})
     model, report = calibrate_by_touch(recording, touches, block, prior=wrong)
     assert report.not_seen[-1].startswith("the prior: the touches are likelier without it")
     assert model.metadata["touch"]["prior"] == []
-    assert error_in_block(model) == pytest.approx(error_in_block(calibrated[0]), rel=1e-6)
+    error, expected = (error_in_block(each, translation) for each in (model, calibrated[0]))
+    assert error == pytest.approx(expected, rel=1e-6)
+    assert 0.5 * error < report.tip.rms < 2.0 * error < 6e-4
 
 
 def test_the_size_of_a_print_is_found_by_a_prior_and_named_without(calibrated):
