@@ -17,7 +17,7 @@ from truejoint.estimators.family import EstimatorData, Family
 from truejoint.estimators.filtered import histories, joined, run_filter
 from truejoint.estimators.jaw import learn as jaw
 from truejoint.estimators.motor_side import run as model
-from truejoint.estimators.plays.learn import feature_scales
+from truejoint.estimators.plays.learn import PLAYS, TIME_CONSTANTS, feature_scales
 from truejoint.estimators.plays.run import follow_rows
 from truejoint.estimators.polynomial.learn import blocks, cross_validated, levels, ridge
 from truejoint.estimators.rules import Params
@@ -32,10 +32,7 @@ _BENDS: Final = (0.0, 0.03, 0.1, 0.3, 1.0)  # sizes tried of terms that bend wit
 _WIDTHS: Final = (0.003, 1.0)  # of a friction element, least and largest, in half ranges
 _FIRST_WIDTHS: Final = (0.012, 0.5)  # where the search for widths starts
 _ROUNDS: Final = 8  # of loads and torque response in turn
-_PLAYS: Final[Params] = {
-    "plays": (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9),  # half-widths, in half ranges
-    "time_constants": (0.05, 0.5, 2.0),  # of low-passes [s]
-}
+_PLAYS: Final[Params] = {"plays": PLAYS, "time_constants": TIME_CONSTANTS}
 """What the trees see of the signals, driver and torque."""
 _TREE_ROWS: Final = 40_000  # that the trees are fitted to, at most
 _ASKED: Final = 0.15  # share of what is seen that a split of the trees may ask for

@@ -40,8 +40,8 @@ _STEP: Final = 0.02  # of a parameter, for a slope
 _LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of more joints has trees
 _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
 _FEWER_TREES: Final = 70
-_PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
-_TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
+PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
 _SHORT: Final = (0.1,)  # [s], which tells a Gaussian process how fast and which way
 _NARROW: Final = 4
 """Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
@@ -155,8 +155,8 @@ class Plays(JointRegressor):
     def _asked(self, n_features: int) -> Params:
         """Parameters of the family for so many features, before it is fitted."""
         is_process = self.learner == "gaussian_process"
-        plays = () if is_process or self.couple else _PLAYS[: _NARROW if self.turn else None]
-        times = _SHORT if is_process else () if self.turn else _TIME_CONSTANTS
+        plays = () if is_process or self.couple else PLAYS[: _NARROW if self.turn else None]
+        times = _SHORT if is_process else () if self.turn else TIME_CONSTANTS
         coupled = tuple(range(n_features) if self.positions is None else self.positions)
         return {
             "plays": plays if self.plays is None else self.plays,

@@ -106,7 +106,8 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array)
     """Scale features `x` (k,) to -1 to 1, add how far plays and low-passes are from them.
 
     `inputs` is ``n_seen(k, ...)`` long. A play is divided by its half-width, so that it too runs
-    from -1 to 1.
+    from -1 to 1. Behind them are plays of several features together, and cosine and sine of the
+    angle of each capstan.
     """
     m = unpack(numbers, memory)
     k, fresh = x.shape[0], dt == 0.0
@@ -120,34 +121,19 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array)
             at = i * m.n_lowpasses + j
             trail = lowpass(m.time_constants[j], fresh, dt, inputs[i], m.trails[at])
             inputs[k + k * m.n_plays + at] = trail - inputs[i]
-    start = k * (1 + m.n_plays + m.n_lowpasses)
-    couple(numbers, memory, fresh, inputs, start)
-    start += m.n_coupled * m.n_shares
-    turn(numbers, memory, x, inputs, start)
-
-
-@compiled
-def couple(numbers: Integers, memory: Array, fresh: bool, inputs: Array, start: int) -> None:
-    """Add plays of several features together: `inputs` from `start` on, in their half-widths."""
-    m = unpack(numbers, memory)
-    k = m.n_coupled
-    for i in range(k):
+    at = k * (1 + m.n_plays + m.n_lowpasses)
+    n_coupled = m.n_coupled
+    for i in range(n_coupled):
         m.wanted[i] = inputs[m.coupled[i]]
     for j in range(m.n_shares):
-        share, deflections = m.shares[j], vector(inputs, start + j * k, k)
+        share, deflections = m.shares[j], vector(inputs, at, n_coupled)
         coupled_play(m.coupling, m.reaches, share, fresh, m.wanted, m.stood[j], deflections)
-        for i in range(k):
+        for i in range(n_coupled):
             deflections[i] /= share * m.reaches[i]
-
-
-@compiled
-def turn(numbers: Integers, memory: Array, x: Array, inputs: Array, start: int) -> None:
-    """Add cosine and sine of the angle of each capstan: `inputs` from `start` on."""
-    m = unpack(numbers, memory)
+        at += n_coupled
     for i in range(m.n_turning):
         angle = weighted(x, m.turns[i])
-        inputs[start + 2 * i] = math.cos(angle)
-        inputs[start + 2 * i + 1] = math.sin(angle)
+        inputs[at + 2 * i], inputs[at + 2 * i + 1] = math.cos(angle), math.sin(angle)
 
 
 @compiled

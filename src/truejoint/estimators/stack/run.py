@@ -192,18 +192,15 @@ def _beside(params: Params) -> dict[str, Path]:
     return paths
 
 
-def _kinds(params: Params) -> list[tuple[Family, Params]]:
-    """Families of the members; one that is not fitted yet may become any without a memory."""
-    kinds = []
+def _specialised(params: Params) -> dict[str, Any]:
+    """Fields of the family that the members decide: of those with a memory, and with features.
+
+    A member that is not fitted yet may become any without a memory.
+    """
+    kinds = list[tuple[Family, Params]]()
     for data, _ in members(params, {}):
         with suppress(CalibrationError):
             kinds.append((data.kind, data.params))
-    return kinds
-
-
-def _specialised(params: Params) -> dict[str, Any]:
-    """Fields of the family that the members decide: of those with a memory, and with features."""
-    kinds = _kinds(params)
     own = (kind.inputs(member) for kind, member in kinds if kind.inputs and not params["columns"])
     inputs = next(own, None)
     return {
