@@ -1,7 +1,7 @@
 """Polynomials of the features, from a constant on (peng2024, II-C), and chosen products."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import combinations_with_replacement
 from typing import Final
 
@@ -46,32 +46,28 @@ def polynomial_row(
 
 def polynomial_factors(n_features: int, degree: int) -> Integers:
     """Features that each term multiplies (n_terms, degree), filled up with `n_features`."""
-    terms = [
-        (*term, *(n_features,) * (degree - order))
-        for order in range(1, degree + 1)
-        for term in combinations_with_replacement(range(n_features), order)
-    ]
-    return np.array(terms, dtype=np.int64).reshape(-1, degree)
+    orders = range(1, degree + 1)
+    terms = [t for order in orders for t in combinations_with_replacement(range(n_features), order)]
+    return _filled(terms, degree, n_features)
 
 
 def interaction_factors(
-    n_features: int, first: int, crossed: int, squared: int = 0, by_squares: int | None = None
+    n_features: int, first: int, crossed: int, squared: int = 0, by_squares: int = 0
 ) -> Integers:
     """Features that each term (n_terms, 2 or 3) multiplies, filled up with `n_features`.
 
     Every feature by itself, then each of the first `crossed` times each of the `first`, once. Then
-    each of the first `by_squares`, by default `crossed`, times the square of each of the first
-    `squared`.
+    each of the first `by_squares` times the square of each of the first `squared`.
     """
-    alone = [(i, n_features) for i in range(n_features)]
+    alone = [(i,) for i in range(n_features)]
     products = [(i, j) for j in range(first) for i in range(j, crossed)]
-    factors = np.array(alone + products, dtype=np.int64)
-    if not squared:
-        return factors
-    filled = np.column_stack([factors, np.full(len(factors), n_features)])
-    n_by_squares = crossed if by_squares is None else by_squares
-    cubes = [(i, j, j) for j in range(squared) for i in range(n_by_squares)]
-    return np.vstack([filled, np.array(cubes, dtype=np.int64)])
+    cubes = [(i, j, j) for j in range(squared) for i in range(by_squares)]
+    return _filled([*alone, *products, *cubes], 3 if squared else 2, n_features)
+
+
+def _filled(terms: Iterable[tuple[int, ...]], order: int, n_features: int) -> Integers:
+    rows = [(*term, *(n_features,) * (order - len(term))) for term in terms]
+    return np.array(rows, dtype=np.int64).reshape(-1, order)
 
 
 def of_degree(degree: int) -> Params:
