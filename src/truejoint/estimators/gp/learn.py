@@ -93,17 +93,14 @@ class Kernel(NamedTuple):
     zero: float = 0.0  # of the zeros of histories
 
 
-def likeliest_kernel(X: Array, y: Array, history: Integers | None = None) -> Kernel:
+def likeliest_kernel(X: Array, y: Array, history: Integers) -> Kernel:
     """Kernel of the largest marginal likelihood of rows `X` (n, k) and `y` (n,), standardised.
 
-    `history` (n,) numbers the histories that rows are of; by default they are of one, which has no
-    zero of its own.
+    `history` (n,) numbers the histories that rows are of; one alone has no zero of its own.
     """
     used = np.ptp(X, axis=0) > 0.0
     k = int(used.sum())
-    together = None
-    if history is not None and np.ptp(history):
-        together = np.equal.outer(history, history).astype(np.float64)
+    together = np.equal.outer(history, history).astype(float) if np.ptp(history) else None
     zeros = [] if together is None else [ZERO]
     start, low, high = np.log(np.array([*[LENGTH] * k, VARIANCE, NOISE, *zeros]).T)
     start[:k] += 0.5 * math.log(max(k, 1))
