@@ -137,7 +137,6 @@ class FilterRun(NamedTuple):
     x: Array  # (N, n) states
     P: Array  # (N, n, n) their covariances
     u: Array  # (N, inputs) of the filter
-    nis: Array  # (N,) normalised innovations squared
     outputs: Array  # (N, n_outputs)
     deviations: Array  # (N, n_outputs)
     beside: Array  # (N, 2, k) values and deviations of quantities beside
@@ -175,7 +174,7 @@ def _run_rows(
         dt[i] = _begin(numbers, memory, dt[i], X[i], noted.outputs[i], noted.deviations[i])
         if not replays:
             _advance(numbers, memory, dt[i])
-            status[i], noted.nis[i] = sizes[at.STATUS], state[at.NIS]
+            status[i] = sizes[at.STATUS]
             copy(f.u, noted.u[i], f.n_inputs)
         for k in range(f.n_states):
             row, noted_row = f.covariance[k], noted.P[i, k]
@@ -209,7 +208,6 @@ def run_filter(
         x=np.zeros((N, n)),
         P=np.zeros((N, n, n)),
         u=np.zeros((N, *part.shapes["u"])),
-        nis=np.zeros(N),
         outputs=np.zeros((N, n_outputs)),
         deviations=np.zeros((N, n_outputs)),
         beside=np.zeros((N, 2, len(beside))),
