@@ -39,15 +39,6 @@ def test_a_factor_gives_the_covariance_at_any_rank(shape) -> None:
     np.testing.assert_array_equal(np.triu(factor, 1), 0.0)
 
 
-@pytest.mark.parametrize("still", [0, 1, 2])
-def test_what_does_not_vary_at_all_has_a_factor(still) -> None:
-    covariance = np.diag([4.0, 9.0, 16.0])
-    covariance[still, still] = 0.0
-    factor = np.full((3, 3), np.nan)
-    assert semidefinite_cholesky(covariance, 3, factor)
-    np.testing.assert_array_equal(factor, np.sqrt(covariance))
-
-
 @pytest.mark.parametrize(
     "matrix",
     [

@@ -13,7 +13,7 @@ from tests.filters.linear import linear_model
 
 from truejoint.filters import FilterResult, UnscentedFilter
 from truejoint.filters.fields import FilterStatus as Status
-from truejoint.filters.state_space import FilterError, ScaledSigmaPoints, StateSpaceModel
+from truejoint.filters.state_space import ScaledSigmaPoints, StateSpaceModel
 
 DT = 0.01
 
@@ -26,6 +26,14 @@ def still(x, u, dt, parameters, out):
 @njit
 def seen(x, u, parameters, out):
     out[0] = x[0]
+
+
+def one_state(transition, process_noise, measurement_noise, **options) -> StateSpaceModel:
+    """A model of one state, which is seen."""
+    return StateSpaceModel(
+        transition, seen, process_noise, measurement_noise,
+        states=("x",), measurements=("z",), **options,
+    )  # fmt: skip
 
 
 def joint(gate: float | None = None, patience: int = 10, angle: bool = False) -> UnscentedFilter:
@@ -63,6 +71,8 @@ def test_encoder_jump_is_gated_and_then_reacquired() -> None:
     result = run(joint(0.9999, 10), z)
     np.testing.assert_array_equal(result.status[:200], 0)
     np.testing.assert_array_equal(result.status[200:210], Status.GATED)
+    assert np.isfinite(result.nis[200:210]).all()
+    np.testing.assert_array_equal(result.loglik[200:210], 0.0)
     assert result.status[210] == Status.REACQUIRED
     assert result.inflation[210] > 1.0
     np.testing.assert_array_equal(result.status[250:], 0)
@@ -72,17 +82,6 @@ def test_encoder_jump_is_gated_and_then_reacquired() -> None:
     assert sound(smoothed.P)
     # The inflated step counts as a jump: smoothing does not drag it back over the rows before.
     assert np.abs(smoothed.x[:200, 0] - truth[:200]).max() < 0.03
-
-
-def test_single_spikes_leave_no_trace() -> None:
-    z, truth = record()
-    z[100::37, 1] = 50.0
-    gated = run(joint(0.9999, 10), z)
-    np.testing.assert_array_equal(gated.status[100::37], Status.GATED)
-    assert np.isfinite(gated.nis[100])
-    assert gated.loglik[100] == 0.0
-    assert np.abs(gated.x[:, 0] - truth).max() < 0.03
-    assert np.abs(run(joint(), z).x[:, 0] - truth).max() > 0.1
 
 
 @pytest.mark.parametrize("wrong", [10.0, 1e4, 1e9])
@@ -105,15 +104,8 @@ def test_gate_with_nothing_to_inflate_still_goes_on() -> None:
     )
     # P0 = 0 and Q = 0 say that the state is 0 whatever is measured.
     np.testing.assert_array_equal(result.x, 0.0)
+    np.testing.assert_array_equal(result.P, 0.0)
     assert result.status[2] == Status.REACQUIRED
-
-
-def test_stuck_encoder_is_seen() -> None:
-    z, _ = record(800)
-    z[300:, 0] = z[300, 0]
-    result = run(joint(0.9999, 20), z)
-    assert (result.status[300:] & int(Status.GATED)).any()
-    assert np.all(np.isfinite(result.x))
 
 
 def test_angles_take_the_short_way_round() -> None:
@@ -132,41 +124,11 @@ def test_angles_take_the_short_way_round() -> None:
     np.testing.assert_allclose(result.P, plain.P, atol=1e-14)
 
 
-def test_known_start_stays_known_without_noise() -> None:
-    transition = [[1.0, DT], [0.0, 1.0]]
-    model = linear_model(transition, np.zeros((2, 0)), np.eye(2), np.zeros((2, 2)), np.eye(2))
-    estimator = UnscentedFilter(model)
-    z = np.random.default_rng(0).normal(size=(50, 2))
-    result = estimator.run(z, x0=[1.0, 2.0], P0=np.zeros((2, 2)), dt=DT)
-    assert not result.status.any()
-    np.testing.assert_array_equal(result.P, 0.0)
-    np.testing.assert_allclose(result.x[:, 0], 1.0 + 2.0 * DT * np.arange(1, 51), rtol=1e-12)
-    # One state known, the other not.
-    half = estimator.run(z, x0=[1.0, 2.0], P0=np.diag([0.0, 1.0]), dt=DT)
-    assert sound(half.P)
-    assert 0.0 < half.P[-1, 1, 1] < 0.02
-    assert sound(estimator.smooth(half).P)
-
-
 def test_exact_measurement_of_a_known_state_is_not_used() -> None:
     model = linear_model([[1.0]], [[]], [[1.0]], [[0.0]], [[0.0]])
     result = UnscentedFilter(model).run(np.ones(3), x0=[0.0], P0=[[0.0]], dt=DT)
     np.testing.assert_array_equal(result.status, Status.SINGULAR)
     np.testing.assert_array_equal(result.x, 0.0)
-
-
-def test_partly_missing_measurement_uses_the_rest() -> None:
-    z, _ = record()
-    z[:, 1] = np.nan
-    result = run(joint(), z)
-    np.testing.assert_array_equal(result.status, Status.PARTIAL)
-    alone = linear_model(
-        [[1.0, DT], [0.0, 1.0]], [[0.0], [DT]], [[1.0, 0.0]], np.diag([1e-8, 1e-6]), [[1e-4]]
-    )
-    expected = run(UnscentedFilter(alone), z[:, :1])
-    np.testing.assert_allclose(result.x, expected.x, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(result.nis, expected.nis, rtol=1e-9)
-    assert np.isnan(result.innovation[:, 1]).all()
 
 
 @pytest.mark.parametrize(
@@ -177,6 +139,7 @@ def test_partly_missing_measurement_uses_the_rest() -> None:
         ({"dt": np.inf}, Status.INVALID_INPUT),
         ({"u": np.nan}, Status.INVALID_INPUT),
         ({"z": [np.nan, np.nan]}, Status.MISSING),
+        ({"z": [np.nan, 0.5]}, Status.PARTIAL),
         ({"z": [np.inf, np.nan]}, Status.MISSING | Status.INVALID_MEASUREMENT),
         ({"z": [-np.inf, 0.5]}, Status.PARTIAL | Status.INVALID_MEASUREMENT),
         ({"z": [1e300, 0.5]}, Status.PARTIAL | Status.INVALID_MEASUREMENT),
@@ -232,19 +195,17 @@ def test_model_functions_that_fail() -> None:
     assert low.x[0, 0] == pytest.approx(0.01, abs=1e-12)
 
 
-def test_noise_function_that_fails_keeps_the_last_noise() -> None:
+def test_noise_follows_the_step_and_where_it_fails_the_last_one_is_kept() -> None:
     @njit
     def noise(x, u, dt, parameters, out):
-        out[0, 0] = u[0]
+        out[0, 0] = u[0] * dt
 
-    model = StateSpaceModel(
-        still, seen, noise, [[1.0]], states=("x",), measurements=("z",), inputs=("variance",)
-    )
-    u = np.array([[1.0], [-1.0], [1e200], [2.0]])
-    result = UnscentedFilter(model).run(np.full(4, np.nan), u, x0=[0.0], P0=[[0.0]], dt=DT)
-    np.testing.assert_allclose(result.P[:, 0, 0], [1.0, 2.0, 3.0, 5.0])
+    model = one_state(still, noise, [[1.0]], inputs=("density",))
+    u, dt = np.array([[2.0], [-1.0], [1e200], [1.0], [1.0]]), np.array([0.5, 1.0, 1.0, 2.0, 0.0])
+    result = UnscentedFilter(model).run(np.full(5, np.nan), u, x0=[0.0], P0=[[0.0]], dt=dt)
+    np.testing.assert_allclose(result.P[:, 0, 0], [1.0, 2.0, 3.0, 5.0, 5.0])
     bits = result.status & ~int(Status.MISSING)
-    assert list(bits) == [0, int(Status.TRANSITION_FAILED), int(Status.INVALID_INPUT), 0]
+    assert list(bits) == [0, int(Status.TRANSITION_FAILED), int(Status.INVALID_INPUT), 0, 0]
 
 
 def test_negative_weights_that_give_no_covariance_are_left_out() -> None:
@@ -385,15 +346,6 @@ def test_a_state_that_is_not_possible_starts_anew() -> None:
     assert np.abs(result.x[120:, 0] - truth[120:]).max() < 0.04
 
 
-def test_bounds_that_make_no_sense_are_refused() -> None:
-    free = joint().model
-    for possible in ({"jaw": (0.0, 1.0)}, {"x0": (1.0, 1.0)}, {"x1": (np.nan, 1.0)}):
-        with pytest.raises(FilterError, match="give the lowest and the highest"):
-            replace(free, possible=possible)
-    with pytest.raises(FilterError, match="longest step is 0"):
-        replace(free, longest_step=0.0)
-
-
 @njit
 def picky(x, u, dt, parameters, out):
     if u[0] > 1.0:
@@ -402,9 +354,7 @@ def picky(x, u, dt, parameters, out):
 
 
 def test_model_functions_that_raise_print_nothing(capfd) -> None:
-    model = StateSpaceModel(
-        picky, seen, [[1e-6]], [[1e-4]], states=("x",), measurements=("z",), inputs=("u",)
-    )
+    model = one_state(picky, [[1e-6]], [[1e-4]], inputs=("u",))
     u = np.array([[0.0], [2.0], [1.0], [0.0]])
     result = UnscentedFilter(model).run(np.ones(4), u, x0=[1.0], P0=[[1.0]], dt=DT)
     failed = int(Status.TRANSITION_FAILED)

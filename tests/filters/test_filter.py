@@ -11,7 +11,6 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numba import njit
 from tests.filters.linear import linear_model
-from tests.filters.test_faults import seen, still
 
 from truejoint.filters import UnscentedFilter
 from truejoint.filters.fields import FilterStatus
@@ -54,14 +53,7 @@ def test_missing_values_like_kfas(reference: Path, points: ScaledSigmaPoints) ->
         reference / "statsmodels_results_smoothing_R.csv", delimiter=",", names=True
     )
     z = np.column_stack([np.diff(table[c]) for c in ("realgdp", "realcons", "realinv")])
-    for rows, column in (
-        ((0, 50), 0),
-        ((19, 70), 1),
-        ((39, 90), 2),
-        ((119, 130), 0),
-        ((119, 130), 2),
-    ):
-        z[slice(*rows), column] = np.nan
+    z[:50, 0] = z[19:70, 1] = z[39:90, 2] = z[119:130, ::2] = np.nan
     eye = np.eye(3)
     estimator = UnscentedFilter(linear_model(eye, np.zeros((3, 0)), eye, eye, eye), points)
     time = np.arange(len(z), dtype=float)
@@ -161,18 +153,11 @@ def squared(x, u, parameters, out):
     out[1] = np.cos(x[0]) + 0.1 * x[1]
 
 
-def bent_model(**changes) -> StateSpaceModel:
-    arguments = {
-        "transition": bent,
-        "measurement": squared,
-        "process_noise": np.diag([1e-4, 1e-3]),
-        "measurement_noise": np.diag([1e-2, 1e-3]),
-        "states": ("angle", "speed"),
-        "measurements": ("square", "cosine"),
-        "inputs": ("torque",),
-        "parameters": (5.0,),
-    }
-    return StateSpaceModel(**(arguments | changes))
+def bent_model() -> StateSpaceModel:
+    return StateSpaceModel(
+        bent, squared, np.diag([1e-4, 1e-3]), np.diag([1e-2, 1e-3]), states=("angle", "speed"),
+        measurements=("square", "cosine"), inputs=("torque",), parameters=(5.0,),
+    )  # fmt: skip
 
 
 def bent_record(rows: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -217,8 +202,9 @@ def test_paper_weights_by_hand() -> None:
     assert result.nis[0] == pytest.approx((z - z_mean) ** 2 / P_zz, rel=1e-12)
 
 
-def test_single_steps_give_the_bits_of_the_whole_record() -> None:
+def test_single_steps_give_the_bits_of_the_whole_record_and_stamps_stand_for_steps() -> None:
     z, u, dt = bent_record(200)
+    dt[0] = 0.0
     z[50:60] = np.nan
     z[70:90, 1] = np.nan
     estimator = UnscentedFilter(bent_model(), gate=0.99, patience=3)
@@ -232,27 +218,8 @@ def test_single_steps_give_the_bits_of_the_whole_record() -> None:
         np.testing.assert_array_equal(state.innovation, result.innovation[k])
         np.testing.assert_array_equal(state.nis, result.nis[k])
         np.testing.assert_array_equal(state.loglik, result.loglik[k])
-
-
-def test_time_stamps_stand_for_steps() -> None:
-    z, u, dt = bent_record(100)
-    dt[0] = 0.0
-    estimator = UnscentedFilter(bent_model())
-    prior = {"x0": [1.2, 0.0], "P0": np.diag([0.1, 0.1])}
-    by_step = estimator.run(z, u, dt=dt, **prior)
     by_stamp = estimator.run(z, u, t=100.0 + np.cumsum(dt), **prior)
-    np.testing.assert_allclose(by_step.x, by_stamp.x, atol=1e-9)
-
-
-def test_process_noise_function_follows_the_step() -> None:
-    @njit
-    def noise(x, u, dt, parameters, out):
-        out[0, 0] = 3.0 * dt
-
-    model = StateSpaceModel(still, seen, noise, [[1.0]], states=("x",), measurements=("z",))
-    dt = np.array([0.5, 0.0, 2.0])
-    result = UnscentedFilter(model).run(np.full(3, np.nan), x0=[0.0], P0=[[0.0]], dt=dt)
-    np.testing.assert_allclose(result.P[:, 0, 0], 3.0 * np.cumsum(dt), rtol=1e-14)
+    np.testing.assert_allclose(by_stamp.x, result.x, atol=1e-9)
 
 
 @pytest.mark.parametrize(
