@@ -1,10 +1,16 @@
 """What every registered estimator keeps: one row, from which everything else follows."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.utils.estimator_checks import (
+    check_get_params_invariance,
+    check_no_attributes_set_in_init,
+    check_set_params,
+)
 from tests.refusals import refused
 from tests.runtime.registered import fit, in_loop, model, training, unseen
 from tests.runtime.streams import stepped
@@ -12,7 +18,7 @@ from tests.runtime.streams import stepped
 from truejoint.calibration import Calibration, read_calibration, with_interval, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
-from truejoint.estimators.family import EstimatorData, find_family
+from truejoint.estimators.family import find_family
 from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.estimators.wrapped import class_of
 from truejoint.evaluation import part_by_time
@@ -49,11 +55,8 @@ def test_single_rows_give_the_bits_of_all_rows_and_remember_as_the_family_says(n
 def test_it_survives_its_data_and_its_file(name, tmp_path):
     calibration, X, dt = rows(name)
     made = calibration.model
-    k, n = X.shape[1], len(calibration.joints)
-    shapes = {key: array.shape for key, array in made.arrays_.items()}
-    assert shapes == made.family.shapes(made.model_params(), k, n)
     expected = made.evaluate(X, dt)
-    again = class_of(made.family.name).from_data(made.data, k, n)
+    again = class_of(made.family.name).from_data(made.data, X.shape[1], len(calibration.joints))
     np.testing.assert_array_equal(again.evaluate(X, dt), expected)
     write_calibration(calibration, tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors")
@@ -61,27 +64,6 @@ def test_it_survives_its_data_and_its_file(name, tmp_path):
     assert read.target == ("position" if isinstance(made, JawEstimator) else calibration.target)
     assert dict(read.model.model_params()) == dict(made.model_params())
     np.testing.assert_array_equal(read.model.evaluate(X, dt), expected)
-
-
-@pytest.mark.parametrize("name", estimator_names())
-@pytest.mark.parametrize("damage", ["missing", "extra", "shape", "nan", "type"])
-def test_damaged_arrays_are_refused(name, damage):
-    fitted = model(name).model
-    arrays = dict(fitted.arrays_)
-    first = min(key for key, array in arrays.items() if array.size)
-    if damage == "missing":
-        del arrays[first]
-    elif damage == "extra":
-        arrays["more"] = np.zeros(1)
-    elif damage == "shape":
-        arrays[first] = np.zeros((2, 9))
-    elif damage == "nan":
-        arrays[first] = np.full_like(arrays[first], np.nan)
-    else:
-        arrays[first] = arrays[first].astype(np.float32)
-    data = EstimatorData(fitted.family.name, fitted.model_params(), arrays)
-    said = "more" if damage == "extra" else first
-    refused(said, type(fitted).from_data, data, fitted.n_features_in_, fitted.n_outputs_)
 
 
 @pytest.mark.parametrize("name", estimator_names())
@@ -124,14 +106,8 @@ def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
     for parameter, rule in family.rules.items():
         wrong = [value for value in WRONG if not rule.holds(value)]
         assert len(wrong) > len(WRONG) // 2
-        for value in wrong:
-            with pytest.raises(CalibrationError) as caught:
-                family.check_params({**params, parameter: value})
-            assert f" parameter {parameter} is " in str(caught.value)
-            assert str(caught.value).endswith(f"; it must be {rule.text}")
-        refused(
-            "it needs", family.check_params, {k: v for k, v in params.items() if k != parameter}
-        )
+        refused(f" parameter {parameter} is .*; it must be ", family.check_params,
+                {**params, parameter: wrong[0]})  # fmt: skip
     for parameter, rule in get_estimator(name).training.items():
         for value in (value for value in WRONG if not rule.holds(value)):
             wrong = get_estimator(name).set_params(**{parameter: value})
@@ -141,24 +117,20 @@ def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
 @pytest.mark.parametrize("name", estimator_names())
 def test_name_family_and_class_lead_to_each_other(name):
     estimator = get_estimator(name)
+    family = estimator.family
     assert estimator.name == name
-    assert class_of(estimator.family.name) is type(estimator)
-    assert find_family(estimator.family.name).row is estimator.family.row
-    assert find_family(estimator.family.name).name == estimator.family.name
-    assert clone(estimator).get_params() == estimator.get_params()
+    assert class_of(family.name) is type(estimator)
+    assert find_family(family.name).row is family.row
+    assert find_family(family.name).name == family.name
     assert type(estimator).from_params(estimator.model_params()).name == name
-    assert set(estimator.model_params()) == set(estimator.family.rules)
+    with suppress(CalibrationError):  # no family is called as an estimator of another
+        assert find_family(name) is family
+    for check in (check_no_attributes_set_in_init, check_get_params_invariance, check_set_params):
+        check(name, estimator)
+    assert clone(estimator).family == family
 
 
-def test_data_of_an_unknown_family_is_refused_by_name():
-    data = EstimatorData("oracle", {}, {})
-    refused("'oracle'", lambda: class_of(data.family).from_data(data, 1, 1))
-
-
-@pytest.mark.parametrize(
-    "name", ["offset", "dnn", "gp_lowpass", "gru", "lsm_compensated", "play_gated", "ukf_friction",
-             "hybrid", "hybrid_cables"],
-)  # fmt: skip
+@pytest.mark.parametrize("name", ["dnn", "gru", "ukf_friction", "hybrid_cables"])
 def test_an_interval_holds_on_what_it_is_not_made_of(name):
     calibration, recording = model(name), unseen(name)
     other = replace(recording, provenance=replace(recording.provenance, session="unseen"))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.refusals import refused
-from tests.runtime.streams import stream, trained
+from tests.runtime.streams import ready, stream, trained
 
 from truejoint.calibration import Calibration
 from truejoint.calibration.model_file import encode, to_bytes
@@ -21,17 +21,14 @@ from truejoint.runtime import Corrector, Status
 
 LAYOUT = Layout()
 SECONDS = LAYOUT.add("seconds", "scalar", "since the history started [s]")
-DEVIATIONS = LAYOUT.add("deviations", "scalar", "that a half-width is; 0: none")
 
 
 @compiled
 def clock_row(numbers, memory, dt, x, out, half_width):
-    """Time since the history started, and a half-width of its own for the first joint."""
+    """Time since the history started."""
     memory[SECONDS] = 0.0 if dt == 0.0 else memory[SECONDS] + dt
     for j in range(out.shape[0]):
         out[j] = 1e-3 * memory[SECONDS] + 1e-6 * x[0]
-    if memory[DEVIATIONS] > 0.0:
-        half_width[0] = 0.125 * memory[DEVIATIONS]
 
 
 @compiled
@@ -110,6 +107,25 @@ def test_parameters_and_features_are_as_many_as_it_has():
     replace(CLOCK, inputs=None).check_size(GOOD, 3)
 
 
+GAIN, OFFSET = {"gain": np.zeros((2, 2))}, {"offset": np.zeros(1)}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        (OFFSET, r"clock has arrays \['offset'\]; it needs \['gain', 'offset'\]"),
+        (GAIN | OFFSET | {"more": np.zeros(1)}, "clock has arrays .*'more'"),
+        (OFFSET | {"gain": np.zeros((2, 9))}, r"'gain' is float64 \(2, 9\); .* float64 \(2, 2\)"),
+        (OFFSET | {"gain": np.zeros((2, 2), np.float32)}, "'gain' is float32"),
+        (OFFSET | {"gain": np.full((2, 2), np.nan)}, "'gain' is not finite"),
+    ],
+    ids=["missing", "extra", "shape", "type", "nan"],
+)
+def test_damaged_arrays_are_refused(arrays, said):
+    CLOCK.check(EstimatorData("clock", GOOD, GAIN | OFFSET), 2, 1)
+    refused(said, CLOCK.check, EstimatorData("clock", GOOD, arrays), 2, 1)
+
+
 def test_one_joint_is_not_two():
     assert families.only_joint("clock", {"offset": (1,)}, 1) == {"offset": (1,)}
     refused("clock estimates one joint, not 2", families.only_joint, "clock", {}, 2)
@@ -133,34 +149,10 @@ def test_rows_are_evaluated_one_after_the_other():
     np.testing.assert_allclose(found, np.column_stack([expected, expected]), rtol=1e-15)
 
 
-def looped(monkeypatch, family: Family) -> Corrector:
-    """Corrector in which the row of a family of our own stands for a linear model's."""
-    calibration = trained()
-    monkeypatch.setattr(Calibration, "family", family)
-    corrector = Corrector(calibration, on_fault="raw")
-    corrector.set_homing(True, "h1")
-    return corrector
-
-
-@pytest.mark.parametrize("width", [0.125 * 1.6448536269514722, np.inf])
-def test_a_row_may_remember_and_know_its_own_uncertainty(monkeypatch, width):
-    row = replace(CLOCK, states_deviation=lambda _params: bool(np.isfinite(width)))
-    corrector = looped(monkeypatch, row)
-    t = np.array([5.0, 5.01, 5.03, 5.04, 15.04, 15.05])
-    seconds = [0.0, 0.01, 0.03, 0.04, 0.0, 0.01]  # anew after the gap
-    samples = stream(t)
-    for i in range(len(t)):
-        bad = np.full(4, np.nan)
-        assert corrector.step(t[i] + 1e-3, bad) & Status.NOT_FINITE  # leaves no trace
-        corrector.step(t[i] + 2e-3, samples[i])
-        expected = 1e-3 * seconds[i] + 1e-6 * samples[i, 0]
-        np.testing.assert_allclose(corrector.correction, expected, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(corrector.half_width, [width, np.inf], rtol=1e-12)
-
-
 def test_a_row_that_gives_up_is_implausible(monkeypatch):
-    corrector = looped(monkeypatch, replace(CLOCK, row=helpless_row))
-    sample = stream(np.zeros(1))[0]
+    calibration, sample = trained(), stream(np.zeros(1))[0]
+    monkeypatch.setattr(Calibration, "family", replace(CLOCK, row=helpless_row))
+    corrector = ready(calibration, on_fault="raw")
     assert corrector.step(0.0, sample) == Status.IMPLAUSIBLE
     np.testing.assert_array_equal(corrector.position, sample[[0, 2]])
 

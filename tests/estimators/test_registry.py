@@ -2,14 +2,12 @@
 
 import ast
 import re
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from tests.refusals import refused
 
 import truejoint
-from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     CableLeastSquares,
     JawFilter,
@@ -19,19 +17,13 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
-from truejoint.estimators.family import find_family
-from truejoint.estimators.registry import BASELINES, NETWORK, OWN, PRESETS, TITLES
+from truejoint.estimators.registry import OWN, PRESETS
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.
 NAMING = ("estimators/registry.py", "cli/", "recordings/datasets/", "studies/")
 WORDS = {"offset", "linear", "hybrid", "gp"}
 """Names that are words of their own, also of arrays, families and of text."""
-
-
-def test_the_usual_ones_come_first():
-    assert estimator_names()[:4] == ("offset", "linear", "poly2", "dnn")
-    assert {*BASELINES, *TITLES, NETWORK} <= set(estimator_names())
 
 
 def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
@@ -54,12 +46,6 @@ def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
 )
 def test_an_estimator_is_called_as_it_is_registered_or_else_by_its_family(estimator, name):
     assert estimator.name == name
-
-
-def test_no_family_is_called_as_an_estimator_of_another():
-    for name in OWN:
-        with suppress(CalibrationError):
-            assert find_family(name) is get_estimator(name).family
 
 
 def strings(source: str) -> list[tuple[int, str]]:

@@ -39,7 +39,7 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
-from truejoint.errors import CalibrationError, TruejointError
+from truejoint.errors import TruejointError
 from truejoint.estimators import Polynomial
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.trees import run as tree_arrays
@@ -59,7 +59,7 @@ IN_THE_LOOP = {
         DecisionTreeRegressor(random_state=0),
         DecisionTreeRegressor(max_leaf_nodes=20, random_state=0),  # grown best first
         ExtraTreeRegressor(random_state=0),
-        ensemble.RandomForestRegressor(5, random_state=0),
+        ensemble.RandomForestRegressor(21, random_state=0),  # more than are walked through at once
         ensemble.ExtraTreesRegressor(5, random_state=0),
         ensemble.GradientBoostingRegressor(n_estimators=6),
         ensemble.GradientBoostingRegressor(n_estimators=3, init="zero", loss="huber"),
@@ -134,11 +134,9 @@ def test_it_predicts_what_scikit_learn_does(family, regressor, n_outputs, data):
     scaled = (y - mean) / scale
     rows = X + 0.01 * X.std(axis=0)
     together = n_outputs == 1 or model.parts_[0].predict(X).ndim > 1
-    if together:
-        expected = clone(regressor).fit(X, scaled).predict(rows)
-    else:
-        fits = [clone(regressor).fit(X, column) for column in scaled.T]
-        expected = np.column_stack([fit.predict(rows) for fit in fits])
+    targets = [scaled] if together else scaled.T
+    columns = [clone(regressor).fit(X, target).predict(rows) for target in targets]
+    expected = columns[0] if together else np.column_stack(columns)
     np.testing.assert_allclose((model.predict(rows) - mean) / scale, expected, rtol=0, atol=1e-11)
 
 
@@ -161,9 +159,8 @@ def test_a_file_gives_it_back_and_the_loop_runs_it_bit_for_bit(family, regressor
     assert good_rows(calibration, TEST, calibration.correct(TEST), most=300) == 300
 
 
-@pytest.mark.parametrize("regressor", [ensemble.RandomForestRegressor(5), OFFLINE[1]], ids=label)
-def test_it_is_judged_like_any_other(regressor):
-    model = calibrate(build_recording(900), regressor, joints=["elbow"], random_state=1)
+def test_one_that_scikit_learn_runs_is_judged_like_any_other():
+    model = calibrate(build_recording(900), OFFLINE[1], joints=["elbow"])
     test = build_recording(400, 1)
     scores = evaluate({model.estimator: [model]}, [test]).scores
     rmse = scores[scores.joint == "elbow"].set_index("estimator").rmse.to_dict()
@@ -187,25 +184,12 @@ def test_parameters_are_kept_and_told():
     assert int(fitted.model.data.params["n_trees"]) == 3
 
 
-@pytest.mark.parametrize(
-    "regressor",
-    [
-        make_pipeline(preprocessing.StandardScaler(), SVR()),
-        ensemble.AdaBoostRegressor(n_estimators=2),
-        make_pipeline(preprocessing.FunctionTransformer(lambda X: X), linear_model.Ridge()),
-    ],
-    ids=label,
-)
-def test_one_that_runs_by_scikit_learn_is_refused_by_the_loop_and_by_the_writer(
-    regressor, tmp_path
-):
-    calibration = streams.trained(regressor)
+def test_one_that_runs_by_scikit_learn_is_refused_by_the_loop_and_by_the_writer(tmp_path):
+    calibration = streams.trained(ensemble.AdaBoostRegressor(n_estimators=2))
     assert np.isfinite(calibration.correct(TEST)).all()
     said = "run by scikit-learn .* cannot run in a loop; it corrects recordings only"
     path = tmp_path / "model.safetensors"
-    with pytest.raises(CalibrationError, match=said) as caught:
-        write_calibration(calibration, path)
-    assert "\n" not in str(caught.value)
+    refused(said, write_calibration, calibration, path)
     with pytest.raises(TruejointError, match=said):
         Corrector(calibration)
     assert not path.exists()
@@ -271,15 +255,13 @@ def test_a_linear_model_of_the_users_own_runs_in_the_loop(data):
     ids=label,
 )
 def test_what_is_no_use_is_refused_in_one_line(estimator, said):
-    with pytest.raises(CalibrationError, match=said) as caught:
-        streams.trained(estimator)
-    assert "\n" not in str(caught.value)
+    refused(said, streams.trained, estimator)
 
 
 def test_too_large_a_forest_is_refused(monkeypatch):
     monkeypatch.setattr("truejoint.estimators.trees.learn.MAX_NODES", 100)
-    with pytest.raises(CalibrationError, match=r"more than the 100 .* set min_samples_leaf"):
-        streams.trained(ensemble.RandomForestRegressor(2))
+    refused("more than the 100 .* set min_samples_leaf", streams.trained,
+            ensemble.RandomForestRegressor(2))  # fmt: skip
 
 
 @given(st.floats(-1e30, 1e30), st.integers(-3, 3))
@@ -314,14 +296,11 @@ def test_a_class_of_the_users_own_on_a_known_family_is_kept(tmp_path):
     calibration = streams.trained(Mine())
     path = tmp_path / "model.safetensors"
     write_calibration(calibration, path)
-    test = streams.recording(np.arange(0.0, 5.0, 1 / 30))
-    assert read_calibration(path).correct(test).tobytes() == calibration.correct(test).tobytes()
+    assert read_calibration(path).correct(TEST).tobytes() == calibration.correct(TEST).tobytes()
 
 
 def test_a_family_that_nobody_could_find_again_is_not_written(tmp_path):
     own = type("Own", (Polynomial,), {"family": replace(POLYNOMIAL, name="own")})
     calibration = streams.trained(own())
-    assert np.isfinite(calibration.correct(streams.recording(np.arange(0.0, 5.0, 0.1)))).all()
-    refused(
-        "no estimator family 'own'", write_calibration, calibration, tmp_path / "model.safetensors"
-    )
+    assert np.isfinite(calibration.correct(TEST)).all()
+    refused("no estimator family 'own'", write_calibration, calibration, tmp_path / "m.safetensors")
