@@ -130,15 +130,3 @@ def test_rows_between_are_predicted_as_the_next_that_is_kept_and_leave_no_trace(
     np.testing.assert_allclose(found[::4], history(data, kept), rtol=0, atol=1e-9)
     between = history(data, np.vstack([kept[:8], X[30]]))[-1]  # 7 and a half periods
     np.testing.assert_allclose(found[30], between, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("layers", [1, 4])
-def test_it_looks_back_as_far_as_its_layers_and_no_further(layers):
-    data, X = convolved(layers), np.random.default_rng(1).normal(size=(40, K))
-    dt = np.where(np.arange(40) == 0, 0.0, 0.033)
-    other = X.copy()
-    other[3] += 1.0
-    changed = (predict(data, X, dt) != predict(data, other, dt)).any(axis=1)
-    last = np.flatnonzero(changed).max()
-    assert last <= 3 + 2**layers - 1
-    assert last > 3
