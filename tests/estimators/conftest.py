@@ -1,15 +1,12 @@
 """Runs of a virtual forceps: calibration and verification as in yan2020, and an unloaded pair."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pytest
-from tests.runtime.registered import forceps, model
+from tests.runtime.registered import forceps
 
-from truejoint.calibration import Calibration
 from truejoint.estimators.jaw.learn import JawEstimator
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
@@ -21,15 +18,11 @@ Model = TypeVar("Model", bound=JawEstimator)
 SETTLED = 2.2  # [s] that the swelling of the motion is left out
 
 
-@dataclass(frozen=True)
-class Pair:
+class Pair(NamedTuple):
     """Run on (27) and on (28)."""
 
     calibration: Recording
     verification: Recording
-
-    def recordings(self) -> tuple[Recording, Recording]:
-        return self.calibration, self.verification
 
 
 def columns(run: Recording, model: JawEstimator) -> np.ndarray:
@@ -61,12 +54,6 @@ def fitted(pair: Pair, model: Model) -> Model:
 @pytest.fixture(scope="session")
 def pair() -> Pair:
     return Pair(*forceps())
-
-
-@pytest.fixture(scope="session")
-def registered() -> Callable[[str], Calibration]:
-    """Give the calibration by a registered estimator, which is fitted once in a run."""
-    return model
 
 
 @cache

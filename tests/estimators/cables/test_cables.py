@@ -6,7 +6,6 @@ from tests.refusals import refused
 from tests.runtime.registered import model, wrist
 
 from truejoint.calibration import calibrate
-from truejoint.errors import CalibrationError
 from truejoint.estimators import CableFilter
 from truejoint.estimators.cables import learn as own
 from truejoint.estimators.cables import loops as r
@@ -90,14 +89,10 @@ def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
     assert (structure.reshape(2, 2, 3).sum(axis=1) > 0.0).all()
 
 
-def test_what_it_identified_has_names_and_deviations():
+def test_a_dead_band_is_the_friction_of_the_pin_that_gives_way_first():
     found = model("ukf_cables").model.identified
     assert next(iter(found)) == "pitch_stiffness"
     assert all(value > 0.0 and deviation >= 0.0 for value, deviation, _unit in found.values())
-
-
-def test_a_dead_band_is_the_friction_of_the_pin_that_gives_way_first():
-    found = model("ukf_cables").model.identified
     assert found["grip_dead_band"] == found["jaw_pin"]
     assert found["tip_first_dead_band"] == found["pitch_pin"]
     # A yaw torque turns both jaws by half.
@@ -106,33 +101,6 @@ def test_a_dead_band_is_the_friction_of_the_pin_that_gives_way_first():
 
 def test_a_calibration_without_a_load_is_not_asked_for_loads():
     refused("add a minute under known loads", calibrate, wrist()[:1], "ukf_cables")
-
-
-def test_a_load_without_truth_is_none():
-    """Two histories: a free one with truth, and a loaded one without."""
-    truth, loads, dt = np.zeros((2000, 3)), np.zeros((2000, 3)), np.full(2000, 5e-3)
-    truth[1000:], loads[1000:], dt[1000] = np.nan, 0.02, 0.0
-    filtered = CableFilter(mechanism=get_robot("wrist").mechanism)
-    with pytest.raises(CalibrationError, match="no recording with truth has a load"):
-        filtered.fit(np.zeros((2000, 6)), truth, dt=dt, loads=loads)
-
-
-def test_a_load_that_is_not_known_is_refused():
-    filtered = CableFilter(mechanism=get_robot("wrist").mechanism)
-    loads = np.zeros((500, 3))
-    loads[400:, 1] = np.nan
-    with pytest.raises(CalibrationError, match="100 rows whose load is not known"):
-        filtered.fit(np.zeros((500, 6)), np.zeros((500, 3)), loads=loads)
-
-
-def test_truth_of_the_first_two_seconds_is_none():
-    rows, start = 1000, np.arange(1000) < 410
-    truth = np.where(start[:, None], 0.0, np.nan) * np.ones(3)
-    filtered = CableFilter(mechanism=get_robot("wrist").mechanism)
-    with pytest.raises(CalibrationError, match="no recording has more than 2 s of truth after"):
-        filtered.fit(np.zeros((rows, 6)), truth, loads=np.ones((rows, 3)))
-    with pytest.raises(CalibrationError, match=r"loads have shape \(1000, 2\); give \(1000, 3\)"):
-        filtered.fit(np.zeros((rows, 6)), truth, loads=np.ones((rows, 2)))
 
 
 def test_a_weight_that_always_hangs_there_counts_by_its_size():
@@ -147,11 +115,30 @@ def test_a_weight_that_always_hangs_there_counts_by_its_size():
     np.testing.assert_allclose(found, [swinging.var(), 9e-4, 9e-4])
 
 
-def test_recordings_too_short_are_refused():
-    recording = wrist()[1]
-    few = recording.rows(np.arange(390))
-    refused("390 rows", calibrate, few, "ukf_cables")
+HERE, NAN = np.arange(2000), np.nan
 
 
-def test_cables_of_another_kind_are_refused():
-    refused("knows no cables", CableFilter().fit, np.zeros((500, 6)), np.zeros((500, 3)))
+@pytest.mark.parametrize(
+    ("truth", "loads", "said"),
+    [
+        (np.where(HERE < 1000, 0.0, NAN), np.where(HERE < 1000, 0.0, 0.02), "truth has a load"),
+        (np.zeros(2000), np.where(HERE < 1900, 0.0, NAN), "100 rows whose load is not known"),
+        (np.where(HERE < 410, 0.0, NAN), np.ones(2000), "more than 2 s of truth after its first"),
+        (np.where(HERE < 390, 0.0, NAN), np.ones(2000), "390 rows with a known position"),
+    ],
+    ids=["loaded without truth", "unknown load", "truth at first alone", "little truth"],
+)
+def test_rows_that_do_not_tell_loads_are_refused(truth, loads, said):
+    """Two histories of 5 s, in which truth and loads of all joints are alike."""
+    joints, dt = np.ones((1, 3)), np.where(HERE % 1000, 5e-3, 0.0)
+    fit = CableFilter(mechanism=get_robot("wrist").mechanism).fit
+    X, truth, loads = np.zeros((2000, 6)), truth[:, None] * joints, loads[:, None] * joints
+    refused(said, fit, X, truth, dt=dt, loads=loads)
+
+
+def test_loads_of_another_shape_and_unknown_cables_are_refused():
+    X, truth = np.zeros((500, 6)), np.zeros((500, 3))
+    fit = CableFilter(mechanism=get_robot("wrist").mechanism).fit
+    said = r"loads have shape \(500, 2\); give \(500, 3\)"
+    refused(said, fit, X, truth, loads=truth[:, :2])
+    refused("knows no cables", CableFilter().fit, X, truth)

@@ -1,17 +1,12 @@
 """The filter of a wrist's cables with plays beside it: what it tells and states."""
 
 import numpy as np
-import pytest
-from tests.refusals import refused
 from tests.runtime.registered import fit, model, ready, unseen, wrist
 from tests.runtime.streams import OneByOne
 
-from truejoint.calibration import calibrate
-from truejoint.errors import CalibrationError
-from truejoint.estimators import CableHybrid
 from truejoint.estimators.cables.learn import CableFilter
 from truejoint.estimators.cables.loops import LOAD, PIN
-from truejoint.estimators.cables.run import FAMILY, HYBRID_ROWS
+from truejoint.estimators.cables.run import FAMILY
 from truejoint.estimators.family import EstimatorData
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
@@ -117,15 +112,3 @@ def test_of_a_load_that_calibration_did_not_have_it_says_what_the_filter_says():
     expected = filter_of(calibration.model).states(X, dt).load[:, 2]
     assert rms(own.load[:, 2] - expected) < 0.1 * rms(expected)
     assert (own.load_deviation > 0.0).all()
-
-
-def test_without_a_load_it_is_refused_as_the_filter_is():
-    refused("add a minute under known loads", calibrate, wrist()[:1], "hybrid_cables")
-    refused(
-        "hybrid_cables knows no cables", CableHybrid().fit, np.zeros((500, 6)), np.zeros((500, 3))
-    )
-
-
-def test_plays_that_are_none_are_refused():
-    with pytest.raises(CalibrationError, match="model is 3; it must be a family"):
-        HYBRID_ROWS.check_params({"channels": JOINTS, "model": 3})

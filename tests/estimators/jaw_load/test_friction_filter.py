@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, steps
+from tests.runtime.registered import model as registered
 
 from truejoint.estimators import FrictionFilter
 from truejoint.estimators.jaw.signals import FLICKER, SLIDING
@@ -75,27 +76,6 @@ def test_smoothing_agrees_at_the_end_and_is_surer_before(pair, model):
     assert smoothed.states[:, -1].std() < filtered.states[:, -1].std()
 
 
-def test_garbage_leaves_it_finite(pair, model):
-    rng = np.random.default_rng(0)
-    X = rng.normal(0.0, 1.0, (2000, 2)) * [100.0, 1.0]
-    X[1000:] = columns(pair.verification, model)[1000:2000]
-    states = model.states(X, steps(pair.verification)[:2000])
-    assert np.isfinite(states.angle).all()
-    assert np.isfinite(states.load).all()
-
-
-def test_friction_that_drifts_is_less_sure_of_itself(pair):
-    """`friction_drift` is what an element may leave its motion by, however long ago that was."""
-    run = pair.verification
-    spread = {}
-    usual = FrictionFilter().friction_drift
-    for drift in (1e-9, usual):
-        model = fitted(pair, FrictionFilter(friction_drift=drift))
-        X = np.tile(columns(run, model)[5000], (2000, 1))
-        spread[drift] = model.states(X, np.r_[0.0, np.full(1999, 5e-3)]).angle_deviation[-1]
-    assert spread[usual] > spread[1e-9]
-
-
 def test_what_stands_hides_more_than_what_moves(pair, model):
     """The stated deviations of a jaw at rest hold the friction that may have turned round."""
     test = LoadTest(0.05, "opposing")
@@ -114,7 +94,7 @@ def test_what_stands_hides_more_than_what_moves(pair, model):
     assert states.angle_deviation[still].max() < np.radians(0.3)
 
 
-def test_the_loop_tells_the_load(registered):
+def test_the_loop_tells_the_load():
     """The same numbers, sample by sample, and OK under a load that training never saw."""
     test = LoadTest(0.2, "along")
     run = loaded_run(test)

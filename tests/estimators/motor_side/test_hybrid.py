@@ -1,21 +1,22 @@
-"""The filter of an elastic joint with trees: what they see and learn."""
+"""The filter of an elastic joint with trees: what they see and learn, and both in the loop."""
 
 from dataclasses import replace
+from statistics import NormalDist
 from unittest.mock import patch
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 from tests.estimators.motor_side.test_motor_side import estimate, fit, recording, rows
-from tests.runtime.streams import OneByOne
+from tests.runtime.registered import model as registered
+from tests.runtime.streams import OneByOne, ready
 
 from truejoint import calibrate
+from truejoint.cli.correct import correct_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators import ElasticJointFilter, ElasticJointHybrid, Polynomial, Stack, registry
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.motor_side import run as elastic_joint
 from truejoint.features.feature_set import time_steps
-from truejoint.runtime import Corrector
 
 ELEMENTS = 2
 
@@ -65,15 +66,6 @@ def test_trees_learn_what_the_filters_responses_lack(fitted):
         assert left < 0.7 * without
 
 
-def test_the_torque_does_not_change_the_angle(fitted):
-    X, y, dt = rippled(range(6))
-    with patch.dict(registry.BOOSTED, max_iter=40):
-        alone = clone(fitted).fit(X, y[:, :1], None, dt)
-    X, _, dt = rippled([20])
-    off = np.abs(alone.evaluate(X, dt) - fitted.evaluate(X, dt))
-    assert (off < 1e-9).mean() > 0.99
-
-
 def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
     X, _, dt = rippled([20])
     X, dt = X[:300], dt[:300]
@@ -91,9 +83,7 @@ def test_a_mean_tells_the_torque_of_its_member(fitted):
         mean = Stack((Stack(members, ((0.9,), (0.1,))),), ((1.0,),))
         model = calibrate(recordings[:3], mean, fit_rate=25.0)
     unseen = recordings[3]
-    loop = Corrector(model)
-    loop.set_homing(True)
-    trace = loop.run(unseen)
+    trace = ready(model).run(unseen)
     hybrid = model.model.members_[0].members_[0]
     X = model.feature_set.compute(unseen, model.gap_limit)
     told = estimate(hybrid, X, time_steps(unseen.t, model.gap_limit))
@@ -112,3 +102,25 @@ def test_a_model_sees_the_plays_that_it_was_fitted_to(fitted, monkeypatch):
     without = {n: v for n, v in fitted.model_params().items() if n != "plays"}
     with pytest.raises(CalibrationError, match=r"it needs .*'plays'"):
         ElasticJointHybrid.from_data(replace(fitted.data, params=without), 2, 1)
+
+
+def test_the_loop_and_a_table_tell_the_torque_of_recordings():
+    calibration = registered("ukf_elastic")
+    unseen = recording(50)
+    corrected = calibration.correct(unseen)
+    error = corrected - unseen.columns("truth", ("jaw",))
+    raw = unseen.error(("jaw",))
+    assert error.std() < 0.1 * raw.std()
+    trace, model = ready(calibration).run(unseen), calibration.model
+    X = calibration.feature_set.compute(unseen, calibration.gap_limit)
+    told = estimate(model, X, time_steps(unseen.t, calibration.gap_limit))
+    value, half_width = trace.beside["torque"].T
+    np.testing.assert_allclose(value, told.angle[:, 1], rtol=0.0, atol=1e-12)
+    by_level = NormalDist().inv_cdf(0.95) * told.angle_deviation[:, 1]
+    np.testing.assert_allclose(half_width, by_level, rtol=1e-9)
+    off = np.abs(value - unseen.column("truth_effort/jaw"))
+    assert off.std() < 1.5e-3
+    assert 0.7 < np.mean(off < half_width) <= 1.0
+    table = correct_rows(calibration, unseen, None)
+    np.testing.assert_array_equal(table["torque/jaw"], value)
+    np.testing.assert_array_equal(table["torque_half_width/jaw"], half_width)

@@ -198,14 +198,10 @@ def test_too_few_rows_are_refused():
         calibrate(recording(T[:200]), "rich_play", features=SIGNALS)
 
 
-def test_a_model_with_a_memory_of_its_own_is_refused():
-    model = Plays().fit(*slack(n=600))
-    params = dict(model.model_params())
-    params["members"] = (("plays", dict(Plays().model_params()), ()),)
-    refused("it must be one without a memory", play_bank.FAMILY.shapes, params, 2, 1)
-
-
-def test_a_model_for_some_outputs_alone_is_refused():
+def test_a_model_with_a_memory_or_for_some_outputs_alone_is_refused():
     params = dict(Plays().fit(*slack(n=600)).model_params())
-    params["members"] = tuple((*member[:2], (0,)) for member in params["members"])
-    refused("its parameters and no outputs", play_bank.FAMILY.check_params, params)
+    remembers = params | {"members": (("plays", params, ()),)}
+    refused("it must be one without a memory", play_bank.FAMILY.shapes, remembers, 2, 1)
+    ((family, own, _),) = params["members"]
+    some = params | {"members": ((family, own, (0,)),)}
+    refused("its parameters and no outputs", play_bank.FAMILY.check_params, some)

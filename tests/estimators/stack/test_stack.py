@@ -160,11 +160,6 @@ def test_sums_within_sums_have_an_end():
         members = (("stack", {"members": members}, (0,)),)
 
 
-def test_the_registered_one_is_called_so():
-    assert get_estimator("linear_trees").name == "linear_trees"
-    assert Stack((Polynomial(1),)).name == "stack"
-
-
 def test_other_members_make_another_family_of_it():
     changed = Stack().set_params(members=(MEMORY, "linear"))
     assert changed.family.remembers
