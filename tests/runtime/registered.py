@@ -12,7 +12,6 @@ import numpy as np
 from tests.estimators.motor_side.test_motor_side import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
-from truejoint.errors import ModelFileError
 from truejoint.estimators import Plays, registry
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.estimators.network.learn import SequenceNetwork
@@ -20,7 +19,7 @@ from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
-from truejoint.runtime import Corrector, Status
+from truejoint.runtime import Status
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.forceps.methods import record_forceps
@@ -29,9 +28,7 @@ from truejoint.studies.wrist import accuracy as motions
 from . import streams
 from .streams import ready
 
-FEW_PLAYS = Plays(
-    plays=(0.01, 0.1), time_constants=(0.02,)
-)  # fmt: skip
+FEW_PLAYS = Plays(plays=(0.01, 0.1), time_constants=(0.02,))
 
 
 @cache
@@ -140,6 +137,13 @@ def unseen(name: str) -> Recording:
     return streams.recording(np.arange(0.0, 60.0, 1 / 30), seed=5)
 
 
+def unseen_samples(name: str, rows: int = 10**9) -> tuple[Calibration, Recording, np.ndarray]:
+    """Calibration, unseen rows from the first on, and their samples (n, n_signals)."""
+    calibration, recording = model(name), unseen(name)
+    recording = recording.rows(np.arange(min(len(recording), rows)))
+    return calibration, recording, recording.table[list(calibration.loop_signals)].to_numpy()
+
+
 def good_rows(calibration: Any, recording: Recording, whole: np.ndarray, most: int = 10**9) -> int:
     """Count good samples, until there are so many: each has the bits of its row of `whole`."""
     corrector, good = ready(calibration, range_margin=1.0), 0
@@ -151,17 +155,3 @@ def good_rows(calibration: Any, recording: Recording, whole: np.ndarray, most: i
         if good == most:
             break
     return good
-
-
-def ready_unless_refused(folder: Path, content: bytes) -> Corrector | None:
-    """Corrector of what a model file holds; None where it is refused, in one line that names it."""
-    path = folder / "model.safetensors"
-    path.write_bytes(content)
-    made, refusal = None, path.name
-    try:
-        made = ready(path)
-    except ModelFileError as error:
-        refusal = str(error)
-    assert path.name in refusal
-    assert "\n" not in refusal
-    return made

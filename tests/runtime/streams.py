@@ -2,6 +2,7 @@
 
 import tracemalloc
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from truejoint.recordings import Provenance, Recording
 from truejoint.runtime import Corrector
 
 MINUTE = np.arange(0.0, 60.0, 1 / 30)
+RATE = 1000
+T = np.arange(0.0, 8.0, 1 / RATE)
+"""Stamps of a loop [s]."""
 JOINTS = ("shoulder", "elbow")
 SIGNALS = ("measured/shoulder", "effort/shoulder", "measured/elbow", "effort/elbow")
 EFFORTS = ("effort/shoulder", "effort/elbow", "effort/unused")
@@ -19,6 +23,10 @@ HISTORY = (
     *SIGNALS, "lag(effort/elbow, 3)", "rate(measured/shoulder, 0.05)",
     "lowpass(effort/elbow, 0.05)", "play(measured/elbow, 0.03)",
 )  # fmt: skip
+FEATURES = tuple(feature for feature in HISTORY if "lag" not in feature)
+"""Every operation but the one that counts samples, which needs the rate of training."""
+MEASURED = [0, 2]
+"""Signals that are measured positions."""
 
 
 def stream(t: np.ndarray, seed: int = 0) -> np.ndarray:
@@ -54,6 +62,12 @@ def trained(
         recordings or recording(MINUTE, homing_id=homing_id), estimator,
         features=features, joints=JOINTS, target=target, zero=zero,
     )  # fmt: skip
+
+
+@cache
+def remembering() -> Calibration:
+    """Calibration whose features remember, and count no samples."""
+    return trained(features=FEATURES)
 
 
 def faulty(t, samples, seed: int, kinds=range(8)):

@@ -89,13 +89,8 @@ class Insertion(Told):
 
 def quick(corrector, robot=FORCEPS, **how):
     """A loop that makes up for what is lost within milliseconds."""
-    return Compensator(
-        corrector,
-        robot,
-        **{"rate": 250.0, "lag": LAG, "gain": 1.5, "time_constant": 0.005}
-        | {"integral_time": np.inf}
-        | how,
-    )
+    fast = {"lag": LAG, "gain": 1.5, "time_constant": 0.005, "integral_time": np.inf}
+    return Compensator(corrector, robot, **fast | how)
 
 
 def settled_at(compensator, wanted, steps=400):
@@ -231,13 +226,6 @@ def test_it_falls_back_where_half_of_a_second_is_doubted_and_goes_on_by_itself(r
     assert not found[-1]
 
 
-@pytest.mark.parametrize(("share", "falls"), [(0.4, True), (0.48, True), (0.52, False)])
-def test_it_falls_back_by_the_share_of_steps(share, falls):
-    compensator = Compensator(Told(), FORCEPS, rate=250.0, lag=LAG)
-    dealt = np.floor(share * np.arange(1, 2501)) > np.floor(share * np.arange(2500))
-    assert fallen(compensator, dealt).any() == falls
-
-
 def test_a_loop_that_falls_back_holds_what_is_lost_and_lets_go_of_the_rest_without_a_leap():
     told = Told(-0.05)
     compensator = Compensator(told, FORCEPS, rate=250.0, lag=0.0)
@@ -343,28 +331,31 @@ def test_no_set_point_is_faster_at_the_end_of_a_piece_that_is_no_whole_step(lagg
     assert np.abs(np.diff(rows[:, 2])).max() == pytest.approx(step)
 
 
-def test_what_cannot_work_is_refused_in_one_line():
-    with pytest.raises(CommandRefused, match=r"50 Hz is too slow for a gain of 1.5 .* lags by 19"):
-        quick(Told(), rate=50.0)
-    for gain in (0.5, 0.02):
-        with pytest.raises(CommandRefused, match=r"lower the gain to 0\.019, or the time"):
-            Compensator(Told(), FORCEPS, lag=LAG, gain=gain)
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [({"rate": 50.0, "gain": 1.5}, r"50 Hz is too slow for a gain of 1.5 .* lags by 19"),
+     ({"gain": 0.5}, r"lower the gain to 0\.019, or the time"),
+     ({"gain": 0.02}, r"lower the gain to 0\.019, or the time"), ({"gain": np.nan}, "gain is nan"),
+     ({"lag": "0.05"}, r"lag is '0\.05'; give a number"), ({"lag": -1.0}, r"lag is -1\.0; give"),
+     *(({"rate": rate}, "Hz, .*give a rate above 0") for rate in ("250", 0.0, np.nan, np.inf)),
+     ({"integral_time": None}, "integral time is None s; give more than 0 s")],
+)  # fmt: skip
+def test_numbers_that_cannot_work_are_refused(how, said):
+    with pytest.raises(CommandRefused, match=said):
+        Compensator(Told(), FORCEPS, **{"lag": LAG} | how)
+
+
+def test_what_makes_no_loop_is_refused():
     Compensator(None, FORCEPS, lag=LAG, gain=0.5)  # which sees no spikes
-    with pytest.raises(CommandRefused, match="gain is nan"):
-        Compensator(Told(), FORCEPS, rate=250.0, lag=LAG, gain=float("nan"))
-    with pytest.raises(CommandRefused, match=r"lag is '0\.05'; give a number"):
-        Compensator(Told(), FORCEPS, lag="0.05")
-    with pytest.raises(CommandRefused, match=r"'250' Hz, .*give a rate above 0"):
-        Compensator(Told(), FORCEPS, rate="250")
-    with pytest.raises(CommandRefused, match="integral time is None s; give more than 0 s"):
-        Compensator(Told(), FORCEPS, integral_time=None)
     checking = SimpleNamespace(signals=("measured/jaw", "setpoint/jaw"), joints=("jaw",))
     checking.made_for = "forceps", ""
     with pytest.raises(CommandRefused, match="checks setpoint/jaw"):
-        Compensator(checking, FORCEPS, rate=250.0, lag=LAG)
+        Compensator(checking, FORCEPS, lag=LAG)
     grasper = get_robot("davinci_grasper")  # whose joint is called jaw too
     with pytest.raises(CalibrationError, match="of forceps is not for davinci_grasper; give one"):
-        Compensator(Told(), grasper, rate=250.0, lag=LAG)
+        Compensator(Told(), grasper, lag=LAG)
+    with pytest.raises(CommandRefused, match=r"a lag of -1\.0 s; give a rate above 0 and a lag"):
+        loop_margin(250.0, -1.0)
 
 
 def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging_arm):
@@ -412,16 +403,6 @@ def test_the_first_set_point_is_the_arms_and_the_rest_is_made_up_for_slowly():
     assert path[-1] == pytest.approx(0.45, abs=1e-4)
 
 
-def test_before_the_joint_is_known_set_points_go_as_far_as_what_is_wanted():
-    told = Told(-0.05, Status.NOT_HOMED)
-    compensator = Compensator(told, FORCEPS, rate=250.0, lag=LAG)
-    compensator.start([0.1])
-    for wanted in (0.5, np.nan, 0.501, 0.502):
-        compensator.step(0.0, [0.1], [wanted])
-    assert compensator.setpoint == pytest.approx([0.102])
-    assert not compensator.knows_lost
-
-
 @pytest.mark.usefixtures("hasty")
 def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause(
     lagging_arm, monkeypatch
@@ -429,13 +410,13 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     """The insertion is 2 mm further out than its motor says, and its motor 20 ms behind."""
     robot = lagging_arm.robot
     start = robot.home[2]
-    path = Trajectory(("insertion",), ("m",), start + np.array([[0.0], [0.01], [0.003]]))
+    path = Trajectory(("insertion",), ("m",), start + np.array([[0.0], [0.006], [0.002]]))
     true, shares, paused, follower = [], [], [], threading.current_thread()
 
     def keep(block):
         if hasattr(block, "measured"):
             true.extend(block.measured[:, robot.channels.index("insertion")] + 0.002)
-            if not paused and true[-1] > start + 0.006:
+            if not paused and true[-1] > start + 0.004:
                 paused.append(len(true))
                 lagging_arm.pause()
 
@@ -453,10 +434,10 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     )  # fmt: skip
     true, (_, again) = np.array(true), paused
     assert true[again:].argmax() > 0
-    assert true[again:][: true[again:].argmax()].min() > start + 0.0058  # it does not go back
+    assert true[again:][: true[again:].argmax()].min() > start + 0.0038  # it does not go back
     cut = 0.004 * BLEND / 4  # of the corner
-    assert true.max() == pytest.approx(start + 0.01 - cut, abs=1e-4)
-    assert true[-1] == pytest.approx(start + 0.003, abs=2e-4)
+    assert true.max() == pytest.approx(start + 0.006 - cut, abs=1e-4)
+    assert true[-1] == pytest.approx(start + 0.002, abs=2e-4)
     assert shares[-1] == pytest.approx(1.0)
 
 
@@ -510,12 +491,6 @@ def test_the_jaw_follows_and_the_motor_does_not():
         errors[loop] = np.sqrt(np.mean((truth - wanted[:, 0])[2200:] ** 2))
     assert errors[True] < 0.1 * errors[False]
     assert np.degrees(errors[True]) < 0.15
-
-
-@pytest.mark.parametrize(("rate", "lag"), [(0.0, 0.0), (np.nan, 0.1), (250.0, -1.0), (np.inf, 0.1)])
-def test_there_is_no_loop_without_a_rate(rate, lag):
-    with pytest.raises(CommandRefused, match="give a rate above 0"):
-        loop_margin(rate, lag)
 
 
 @pytest.mark.parametrize("sample", ["ab", [0.1, 0.2, 0.3], None])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration import calibrate
 from truejoint.calibration.redundancy import fit_parity_equations
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
@@ -102,13 +102,6 @@ def test_columns_asked_for(calibration):
 def test_correcting_a_recording_needs_none_of_them(calibration):
     plain = recording(np.arange(0.0, 5.0, 1 / 30))
     assert calibration.correct(plain).shape == (150, 2)
-
-
-def test_the_file_keeps_them(calibration, tmp_path):
-    write_calibration(calibration, tmp_path / "m.safetensors")
-    read = read_calibration(tmp_path / "m.safetensors")
-    assert read.redundant == calibration.redundant
-    np.testing.assert_array_equal(read.parity.matrix, calibration.parity.matrix)
 
 
 def test_a_healthy_stream_is_ok(calibration):

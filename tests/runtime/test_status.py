@@ -12,29 +12,30 @@ from hypothesis import strategies as st
 from truejoint.runtime import Corrector, Status
 from truejoint.runtime.limits import limits_of
 
+from . import streams
 from .streams import (
     FAULT,
+    FEATURES,
     HISTORY,
+    MEASURED,
     MINUTE,
+    RATE,
     SIGNALS,
     changed,
     ready,
     recording,
+    remembering,
     run,
     stream,
     trained,
 )
 
-RATE = 1000
-T = np.arange(0.0, 6.0, 1 / RATE)
-MEASURED = [0, 2]
-# Every operation but the one that counts samples, which needs the rate of training.
-FEATURES = tuple(feature for feature in HISTORY if "lag" not in feature)
+T = streams.T[: 6 * RATE]
 
 
 @pytest.fixture(scope="module")
 def calibration():
-    return trained(features=FEATURES)
+    return remembering()
 
 
 @pytest.fixture
@@ -226,28 +227,26 @@ def test_corrections_larger_than_any_error_of_training():
     np.testing.assert_array_equal(positions[bits != 0], samples[:, MEASURED][bits != 0])
 
 
-@pytest.mark.parametrize(
-    "sample",
-    [(), (1.0,), (0.5,) * 3, (0.5,) * 5, np.zeros((4, 4)), np.zeros((4, 0)), 3.0, None, "abcd",
-     ("a", "b", "c", "d"), (10**400,) * 4, np.array(0.5), {"a": 1}, np.full(4, 0.5 + 0j),
-     (0.5, 0.5, 0.5, 0.5j), np.ma.array(np.full(4, 0.5), mask=[0, 1, 0, 0]), Odd()],
-    ids=repr,
+NO_SAMPLES = (
+    (), (1.0,), (0.5,) * 3, (0.5,) * 5, np.zeros((4, 4)), np.zeros((4, 0)), 3.0, None, "abcd",
+    ("a", "b", "c", "d"), (10**400,) * 4, np.array(0.5), {"a": 1}, np.full(4, 0.5 + 0j),
+    (0.5, 0.5, 0.5, 0.5j), np.ma.array(np.full(4, 0.5), mask=[0, 1, 0, 0]), Odd(),
 )  # fmt: skip
-def test_sample_that_is_not_a_number_for_each_signal(corrector, sample):
+NO_STAMPS = ("noon", "1.0", (), 10**400, 1j, np.complex128(1j), Odd())
+
+
+@pytest.mark.parametrize(
+    ("stamp", "sample"),
+    [*((0.001, sample) for sample in NO_SAMPLES), *((t, stream(T[:1])[0]) for t in NO_STAMPS)],
+    ids=repr,
+)
+def test_what_is_not_a_number_for_each_signal(corrector, stamp, sample):
     good = stream(T[:3])
     assert corrector.step(0.0, good[0]) == Status.OK
-    assert corrector.step(0.001, sample) == Status.WRONG_SIZE
+    assert corrector.step(stamp, sample) == Status.WRONG_SIZE
     assert np.isnan(corrector.position).all()
     assert np.isinf(corrector.half_width).all()
     assert corrector.step(0.002, good[2]) == Status.OK
-
-
-@pytest.mark.parametrize(
-    "stamp", ["noon", "1.0", (), 10**400, 1j, np.complex128(1j), Odd()], ids=repr
-)
-def test_stamp_that_is_no_number(corrector, stamp):
-    assert corrector.step(stamp, stream(T[:1])[0]) == Status.WRONG_SIZE
-    assert corrector.step(0.0, stream(T[:1])[0]) == Status.OK
 
 
 def test_a_robot_that_holds_still_is_not_frozen(corrector):
@@ -348,64 +347,36 @@ def test_a_position_that_never_changed_in_training_is_flagged_where_it_is_elsewh
 
 
 @pytest.mark.parametrize(
-    ("told", "expected"),
-    [
-        ([], Status.NOT_HOMED),
-        ([(False, None)], Status.NOT_HOMED),
-        ([(True, "h1")], Status.OK),
-        ([(True, None)], Status.OK),
-        ([(True, "h2")], Status.HOMED_AGAIN),
-        ([(True, "h1"), (True, None)], Status.OK),
-        ([(True, None), (False, None), (True, None)], Status.HOMED_AGAIN),
-        ([(False, None), (True, None)], Status.HOMED_AGAIN),
-        ([(False, None), (True, "h1")], Status.OK),
-        ([(True, "h2"), (True, None)], Status.HOMED_AGAIN),
-        ([(True, "h2"), (True, "h1")], Status.OK),
-    ],
-)
-def test_homing(calibration, told, expected):
-    corrector = Corrector(calibration)
-    for said in told:
-        status = corrector.set_homing(*said)
+    ("known", "told", "expected"),
+    [("h1", "", Status.NOT_HOMED), ("h1", "lost", Status.NOT_HOMED), ("h1", "h1", Status.OK),
+     ("h1", "some", Status.OK), ("h1", "h1 some", Status.OK), ("h1", "lost h1", Status.OK),
+     ("h1", "h2 h1", Status.OK), ("h1", "h2", Status.HOMED_AGAIN),
+     ("h1", "h2 some", Status.HOMED_AGAIN), ("h1", "lost some", Status.HOMED_AGAIN),
+     ("h1", "some lost some", Status.HOMED_AGAIN),
+     # One that is re-zeroed is believed until another homing is told, which ends the offset.
+     ("h1", "lost rezeroed", Status.NOT_HOMED), ("h1", "h2 rezeroed", Status.OK),
+     ("h1", "h2 rezeroed h2", Status.OK), ("h1", "h2 rezeroed lost h2", Status.HOMED_AGAIN),
+     ("h1", "h2 rezeroed h3 h2", Status.HOMED_AGAIN), ("h1 h2", "h1 rezeroed h2", Status.OK),
+     # Where the training names none, the first one told is its homing.
+     ("", "a", Status.OK), ("", "a b", Status.HOMED_AGAIN), ("", "a b rezeroed b", Status.OK)],
+)  # fmt: skip
+def test_homing(calibration, known, told, expected):
+    """Recordings of `known` homings; of ``some`` homing no name is told."""
+    origin = replace(calibration.origin, homing_ids=tuple(known.split()))
+    corrector = Corrector(replace(calibration, origin=origin))
+    status, homing, rezeroed = None, "", ""
+    for word in told.split():
+        if word == "rezeroed":
+            status, rezeroed = corrector.rezero([0.01, 0.0]), homing
+        else:
+            status = corrector.set_homing(word != "lost", word if word[:-1] in ("h", "") else None)
+            homing, rezeroed = word, rezeroed if word == rezeroed else ""
+        assert corrector.offset[0] == (0.01 if rezeroed else 0.0)
     sample = stream(T[:1])[0]
     assert corrector.step(0.0, sample) == expected
-    if told:
-        assert status == expected
+    assert status in (expected, None)
     if expected:
         np.testing.assert_array_equal(corrector.position, sample[MEASURED])
-    rezeroed = corrector.rezero([0.0, 0.0])
-    assert rezeroed == (Status.NOT_HOMED if expected == Status.NOT_HOMED else Status.OK)
-    assert corrector.step(0.1, sample) == rezeroed
-
-
-def test_homing_of_a_model_that_names_none():
-    corrector = Corrector(trained(homing_id=""))
-    assert corrector.set_homing(True, "a") == Status.OK
-    assert corrector.set_homing(True, "b") == Status.HOMED_AGAIN
-    assert corrector.rezero([0.0, 0.0]) == Status.OK
-    assert corrector.set_homing(True, "b") == Status.OK
-
-
-def test_a_rezeroed_homing_that_was_left_is_another_one(calibration):
-    corrector = Corrector(calibration)
-    for left in ((False, None), (True, "h3")):
-        assert corrector.set_homing(True, "h2") == Status.HOMED_AGAIN
-        assert corrector.rezero([0.01, 0.0]) == Status.OK
-        assert corrector.set_homing(True, "h2") == Status.OK
-        assert corrector.offset[0] == 0.01
-        corrector.set_homing(*left)
-        assert corrector.set_homing(True, "h2") == Status.HOMED_AGAIN  # its offset is gone
-        assert corrector.offset[0] == 0.0
-
-
-def test_an_offset_ends_with_a_homing_of_the_training_too(calibration):
-    corrector = Corrector(
-        replace(calibration, origin=replace(calibration.origin, homing_ids=("h1", "h2")))
-    )
-    corrector.set_homing(True, "h1")
-    corrector.rezero([0.01, 0.0])
-    assert corrector.set_homing(True, "h2") == Status.OK
-    assert corrector.offset[0] == 0.0
 
 
 def test_homing_starts_the_history_anew(corrector):
