@@ -36,10 +36,10 @@ unsigned long ram(void) {{ return sizeof(m_state); }}
 static m_state kept;
 void start(void) {{ m_init(&kept); m_set_homing(&kept, 1, M_HOMING_OF_CALIBRATION); }}
 void forget_all(void) {{ m_reset(&kept); }}
-void run(int n, const double *t, const {real} *sample, int *status, int *unlearnt,
-    {real} *position, {real} *half_width, {real} *correction);
-void run(int n, const double *t, const {real} *sample, int *status, int *unlearnt,
-    {real} *position, {real} *half_width, {real} *correction)
+void run(int n, const double *t, const {real} *sample, int *status, {real} *position,
+    {real} *half_width, {real} *correction);
+void run(int n, const double *t, const {real} *sample, int *status, {real} *position,
+    {real} *half_width, {real} *correction)
 {{
     for (int i = 0; i < n; i++) {{
         if (i % ACKNOWLEDGED == 0) {{
@@ -47,7 +47,6 @@ void run(int n, const double *t, const {real} *sample, int *status, int *unlearn
         }}
         status[i] = m_step(&kept, t[i], sample + i * M_SIGNALS, position + i * M_JOINTS,
             half_width + i * M_JOINTS);
-        unlearnt[i] = kept.unlearnt;
         for (int j = 0; j < M_JOINTS; j++) {{
             correction[i * M_JOINTS + j] = kept.correction[j];
         }}
@@ -71,15 +70,12 @@ class Library:
         self.folder = folder
 
     def run(self, t, samples, n_joints: int):
-        """Status (n,), position, half-width, correction (n, n_joints) of samples (n, n_signals).
-
-        `unlearnt` (n,) holds the warnings beside.
-        """
+        """Status (n,), position, half-width, correction (n, n_joints) of samples (n, n_signals)."""
         n = len(t)
         t, samples = np.ascontiguousarray(t), np.ascontiguousarray(samples, dtype=self.dtype)
-        status, self.unlearnt = np.empty((2, n), dtype=np.int32)
+        status = np.empty(n, dtype=np.int32)
         outputs = np.empty((3, n, n_joints), dtype=self.dtype)
-        arrays = (t, samples, status, self.unlearnt, *outputs)
+        arrays = (t, samples, status, *outputs)
         self.functions.run(n, *(a.ctypes.data_as(ctypes.c_void_p) for a in arrays))
         return status, *outputs
 

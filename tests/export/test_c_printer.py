@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, copy, matrix, unrolled, vector
+from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_values import Unprintable
 from truejoint.layout import Layout, Memory
@@ -26,7 +26,6 @@ GAIN = LAYOUT.add("gain", "scalar", "of the sum")
 X = LAYOUT.add("x", "array", "input")
 W = LAYOUT.add("w", "array", "weights (3, 3)")
 OUT = LAYOUT.add("out", "array", "output")
-ORDER = LAYOUT.add("order", "integers", "of the inputs")
 
 
 @compiled
@@ -82,34 +81,14 @@ def history(numbers: Integers, memory: Array) -> None:
 
 
 @compiled
-def in_order(numbers: Integers, memory: Array) -> None:
-    """Take the inputs in an order that is known."""
-    x, out = vector(memory, numbers[X], 3), vector(memory, numbers[OUT], 3)
-    order = vector(numbers, numbers[ORDER], 3)
-    power = 1.0
-    for i in range(unrolled(3)):
-        power *= x[order[i]]
-        out[order[i]] = power if order[i] > 0 else math.sqrt(abs(power))
-
-
-@compiled
 def comprehends(numbers: Integers, memory: Array) -> None:
     """Use what no C is printed for."""
     memory[GAIN] = sum([memory[GAIN], 1.0])
 
 
-@compiled
-def counts(numbers: Integers, memory: Array) -> None:
-    """Make room for what is no real number."""
-    whole = np.empty(2, dtype=np.int64)
-    memory[GAIN] = whole[0]
-
-
 def packed(mode: int = 0) -> Memory:
     weights = np.random.default_rng(1).normal(size=(3, 3))
-    return LAYOUT.pack(
-        mode=mode, gain=0.7, x=np.zeros(3), w=weights, out=np.zeros(3), order=[2, 0, 1]
-    )
+    return LAYOUT.pack(mode=mode, gain=0.7, x=np.zeros(3), w=weights, out=np.zeros(3))
 
 
 def printed(kernel, mode: int = 0, *, single: bool = False):
@@ -152,7 +131,7 @@ NUMBERS = st.floats() | st.sampled_from([0.0, -0.0, 0.5, 1.0, -1.0])
 
 @needs_compiler
 @pytest.mark.parametrize("mode", [0, 1])
-@pytest.mark.parametrize("kernel", [products, choices, history, in_order], ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kernel", [products, choices, history], ids=lambda k: k.__name__)
 @settings(max_examples=30, deadline=None)
 @given(rows=st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=5))
 def test_c_gives_the_same_bits(kernel, mode, rows):
@@ -178,12 +157,6 @@ def test_what_is_known_is_folded_in():
     assert "gain" not in printed(products).structs
 
 
-def test_an_unrolled_loop_is_printed_round_by_round():
-    text = printed(in_order).functions
-    assert "for (" not in text
-    assert text.index("state->x[2]") < text.index("state->x[0]") < text.index("state->x[1]")
-
-
 def test_pointers_are_restricted_where_no_call_lets_them_overlap():
     assert "double *restrict out" in printed(products).functions
 
@@ -194,8 +167,7 @@ def test_single_precision_has_float_constants():
     assert "static const float m_gain = 0.7f;" in program.constants
 
 
-@pytest.mark.parametrize("kernel", [comprehends, counts])
-def test_what_has_no_c_is_refused_in_one_line(kernel):
-    with pytest.raises(Unprintable, match=f"{kernel.__name__}, line") as caught:
-        printed(kernel)
+def test_what_has_no_c_is_refused_in_one_line():
+    with pytest.raises(Unprintable, match="comprehends, line") as caught:
+        printed(comprehends)
     assert "\n" not in str(caught.value)

@@ -16,7 +16,7 @@ from truejoint.export.export_c import export_c
 from truejoint.runtime import Status
 
 from ..runtime import streams
-from ..runtime.registered import ALIKE, in_loop, model, ready, unseen
+from ..runtime.registered import ALIKE, in_loop, model, ready, unseen_samples
 from .library import (
     CPP,
     FLAGS,
@@ -30,11 +30,12 @@ from .library import (
 )
 
 LONGEST_FUNCTION = 80
-HELD = {"linear", "poly2", "lsm_intercept", "ukf_cables"}
-"""Of the same lines of C as `poly2_ridge`, `lsm` and `hybrid_cables`, but for a sum of theirs."""
+HELD = {"linear", "poly2", "rich_play", "play_both", "lsm_intercept", "ukf_cables"}
+"""Of the same lines of C as `poly2_ridge`, `rich_trees`, `play_motor`, `lsm` and `hybrid_cables`,
+but for a sum of theirs."""
 IN_C = [name for name in in_loop() if name not in ALIKE | HELD]
 IN_FLOAT = [
-    "poly2_ridge", "dnn", "rich_trees", "gp_lowpass", "gru", "tcn", "lsm_compensated",
+    "dnn", "rich_trees", "gp_lowpass", "gru", "tcn", "lsm_compensated",
     "ukf_compensated", "play_gated", "ukf_friction", "ukf_elastic", "hybrid_cables",
 ]  # fmt: skip
 """One for each arithmetic; what stacks, banks and hybrids sum is in these."""
@@ -56,8 +57,8 @@ def library(tmp_path_factory):
 
 def stream(name: str, n: int, seed: int):
     """Stamps and samples of a motion that the estimator was not fitted to, with faults."""
-    recording = unseen(name).rows(np.arange(n))
-    return faulty(recording.t, recording.table[list(model(name).loop_signals)].to_numpy(), seed)
+    _, recording, samples = unseen_samples(name, n)
+    return faulty(recording.t, samples, seed)
 
 
 def compare(library: Library, calibration, name: str, compare_arrays, seed: int = 3):
@@ -96,7 +97,7 @@ def test_the_source_passes_its_own_check_and_is_good_to_read(library, name):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["dnn", "play_gated", "ukf_compensated", "ukf_friction"])
+@pytest.mark.parametrize("name", ["dnn", "ukf_friction"])
 def test_optimised_as_users_do_it_differs_in_the_last_bits_only(library, name):
     def close(got, want):
         np.testing.assert_allclose(got, want, rtol=0, atol=1e-12)
@@ -134,11 +135,10 @@ def test_an_interval_and_a_zero_that_moved_are_in_the_source(tmp_path, name, rez
 @needs_compiler
 @pytest.mark.parametrize("name", IN_FLOAT)
 def test_single_precision_is_no_further_off_than_its_header_says(library, name):
-    single, calibration = library(name, "float"), model(name)
+    single = library(name, "float")
     assert single.functions.check() == 0
     stated = float(re.search(r"within (\S+) \(rad", (single.folder / "m.h").read_text())[1])
-    recording = unseen(name).rows(np.arange(1500))
-    samples = recording.table[list(calibration.loop_signals)].to_numpy()
+    calibration, recording, samples = unseen_samples(name, 1500)
     samples = samples.astype(np.float32).astype(float)
     single.functions.start()
     status, position, half_width, _ = single.run(recording.t, samples, len(calibration.joints))
@@ -152,7 +152,7 @@ def test_single_precision_is_no_further_off_than_its_header_says(library, name):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["dnn", "play_gated", "ukf_compensated", "ukf_friction"])
+@pytest.mark.parametrize("name", ["rich_trees", "ukf_friction"])
 def test_reset_forgets_the_history(library, name):
     (t, samples), made, n = stream(name, 600, 1), library(name), len(model(name).joints)
     made.functions.start()
@@ -168,8 +168,7 @@ def test_reset_forgets_the_history(library, name):
 @needs_compiler
 @pytest.mark.skipif(CPP is None, reason="no C++ compiler on this machine")
 @pytest.mark.parametrize(
-    ("name", "precision"), [("lsm_compensated", "double"), ("dnn", "float"),
-                            ("ukf_elastic", "double"), ("play_gated", "float")],
+    ("name", "precision"), [("ukf_elastic", "double"), ("dnn", "float")],
 )  # fmt: skip
 def test_it_is_cpp_too(library, name, precision):
     source = library(name, precision).folder / "m.c"
@@ -197,25 +196,23 @@ void loads(int n, const double *t, const double *sample, double *load)
     m_set_homing(&state, 1, M_HOMING_OF_CALIBRATION);
     for (int i = 0; i < n; i++) {
         m_step(&state, t[i], sample + i * M_SIGNALS, position, half_width);
-        load[2 * i] = state.model.TOLD[0];
-        load[2 * i + 1] = state.model.TOLD[1];
+        load[2 * i] = state.model.load[0];
+        load[2 * i + 1] = state.model.load[1];
     }
 }
 """
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "told"), [("ukf_friction", "load"), ("hybrid", "torque")])
-def test_what_is_told_beside_the_position_stands_in_the_state(library, name, told):
+def test_what_is_told_beside_the_position_stands_in_the_state(library):
     """It is a field of the state, of the same bits."""
-    folder, calibration = library(name).folder, model(name)
-    (folder / "loads.c").write_text(LOADS.replace("TOLD", told), encoding="ascii")
+    folder, (calibration, recording, samples) = (
+        library("ukf_friction").folder, unseen_samples("ukf_friction", 800)
+    )  # fmt: skip
+    (folder / "loads.c").write_text(LOADS, encoding="ascii")
     compile_c([folder / "loads.c", folder / "library0.so"], folder / "loads.so", *FLAGS, *PLAIN)
-    recording = unseen(name).rows(np.arange(800))
-    samples = recording.table[list(calibration.loop_signals)].to_numpy().copy()
-    t, given = recording.t.copy(), np.empty((len(samples), 2))
+    t, samples, given = np.array(recording.t), samples.copy(), np.empty((len(samples), 2))
     arrays = (a.ctypes.data_as(ctypes.c_void_p) for a in (t, samples, given))
     ctypes.CDLL(str(folder / "loads.so")).loads(len(t), *arrays)
-    beside = ready(calibration).run(recording).beside
-    np.testing.assert_array_equal(given, beside[told.removeprefix("filter.")])
+    np.testing.assert_array_equal(given, ready(calibration).run(recording).beside["load"])
     assert np.ptp(given[:, 0]) > 0.0

@@ -21,11 +21,7 @@ SOURCES = [
     (name, precision, compiler)
     for name in in_loop() for precision in ("double", "float") for compiler in ("gcc", "clang")
 ]  # fmt: skip
-QUICK = [
-    ("dnn", "float", "gcc"),
-    ("lsm_compensated", "double", "clang"),
-    ("ukf_friction", "float", "gcc"),
-]
+QUICK = [("lsm_compensated", "double", "clang"), ("ukf_friction", "float", "gcc")]
 
 
 @cache
