@@ -811,7 +811,7 @@ class Printer:
                 constants.append(owner.constant(f, name, self.style))
                 tables.append(_definition(constants[-1], f, self.style))
         helpers = [text for name, text in _helpers(self.style).items() if name in words]
-        flash = sum(len(each.texts) * self.style.size(each.type) for each in constants)
+        flash = sum(len(each.texts) * self.style.dtype(each.type).itemsize for each in constants)
         return Program(
             "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),
             "\n".join(struct.initial(self.style, named)),
@@ -820,7 +820,7 @@ class Printer:
             (*constants, *struct.initial_constants(self.style, "initial.")),
             names,
             flash,
-            struct.size(self.style)[0],
+            struct.dtype(self.style).itemsize,
         )
 
     def _text(self, printed: Function) -> str:

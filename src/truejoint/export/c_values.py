@@ -156,9 +156,9 @@ class Style:
         """C type of a kind."""
         return {"bool": "int", "int": "int", "real": self.real, "time": "double"}[kind]
 
-    def size(self, type_: str) -> int:
-        """Bytes of a number of a C type; of the arithmetic's where none is given."""
-        return {"int": 4, "float": 4, "double": 8}[type_ or self.real]
+    def dtype(self, type_: str) -> np.dtype[Any]:
+        """Numbers of a C type; of the arithmetic's where none is given."""
+        return np.dtype({"int": np.int32, "float": np.float32, "double": float}[type_ or self.real])
 
     def literal(self, value: float, kind: Kind = "real") -> str:
         """Shortest decimal constant that is exactly `value`, or the float nearest to it."""
@@ -555,18 +555,14 @@ class Struct:
             lines.append(f"    {kind} {f.name}{size}; /* {f.meaning} */")
         return "\n".join([*lines, f"}} {self.type};"])
 
-    def size(self, style: Style) -> tuple[int, int]:
-        """Bytes of the C struct and its alignment, where numbers are aligned to their own size."""
-        offset, alignment = 0, 1
-        for f in self.members():
-            if f.kind == "part":
-                n_bytes, aligned_to = self.parts[f.name].size(style)
-            else:
-                aligned_to = style.size(style.type(kind_of(f)))
-                n_bytes = aligned_to * (self.values(f).size if f.name in self.memory.shapes else 1)
-            offset += -offset % aligned_to + n_bytes
-            alignment = max(alignment, aligned_to)
-        return offset + -offset % alignment, alignment
+    def dtype(self, style: Style) -> np.dtype[Any]:
+        """Lay the C struct out as a compiler does."""
+        return np.dtype(
+            [(f.name, self.parts[f.name].dtype(style)) if f.kind == "part"
+             else (f.name, style.dtype(style.type(kind_of(f))), self.values(f).shape)
+             for f in self.members()],
+            align=True,
+        )  # fmt: skip
 
     def initial(self, style: Style, named: Mapping[str, str], depth: int = 0) -> list[str]:
         """Lines of a braced initialiser with what its fields hold before the first step.
