@@ -69,8 +69,7 @@ class SerialChain:
             raise RobotError(f"seed {rows[0].tolist()} must be finite joint positions")
         last, joints = target.copy(), rows.copy()  # the last axis' pose, without the tool
         last[:3, :3] = target[:3, :3] @ self.tool_rotation.T
-        frames, by_axis = np.empty((1, 1, 4, 4)), np.empty((1, 6, len(self.axes)))
-        _search(*self._arrays, last, joints, frames, by_axis, np.empty((6, rows.shape[1])))
+        _search(*self._arrays, last, joints)
         joint: Array = joints[0]
         if np.abs(self.forward(joint) - target).max() < 10.0 * _THERE:
             return joint
@@ -291,20 +290,11 @@ def _newton_step(by_axis: Array, mapping: Array, slope: Array, error: Array) -> 
 
 @compiled
 def _search(
-    table: Array,
-    prismatic: NDArray[np.bool_],
-    mapping: Array,
-    goal: Array,
-    joint: Array,
-    frames: Array,
-    by_axis: Array,
-    slope: Array,
+    table: Array, prismatic: NDArray[np.bool_], mapping: Array, goal: Array, joint: Array
 ) -> None:
-    """Take Newton's steps from `joint` (1, n_joints) to the last axis' pose `goal` (4, 4).
-
-    `frames` (1, 1, 4, 4), `by_axis` (1, 6, n_axes) and `slope` (6, n_joints) are scratch.
-    """
-    error = local_matrix(1, 6)
+    """Take Newton's steps from `joint` (1, n_joints) to the last axis' pose `goal` (4, 4)."""
+    frames, by_axis = np.empty((1, 1, 4, 4)), np.empty((1, 6, table.shape[0]))
+    error, slope = local_matrix(1, 6), np.empty((6, joint.shape[1]))
     for _ in range(_STEPS):
         _link_frames(table, prismatic, mapping, joint, frames)
         if _miss(frames[0, 0], goal, error) < _THERE:
