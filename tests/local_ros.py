@@ -12,8 +12,6 @@ from truejoint.crtk.ros.transport import header_of
 class LocalRos:
     """Topics whose messages are handed over in the thread that writes them."""
 
-    name = "local"
-
     def __init__(self) -> None:
         self.is_over = False
         self.kinds: dict[str, str] = {}

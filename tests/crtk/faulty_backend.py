@@ -1,27 +1,19 @@
 """Faults put into any back end, to try what is to survive them."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from truejoint.array_types import Array
-from truejoint.crtk.limits import checked_backend
-from truejoint.crtk.protocol import STRETCH, Backend, Listener
-from truejoint.crtk.states import OperatingState, StateCommand
-from truejoint.errors import CommandRefused, RobotError
-from truejoint.robots.blocks import StateBlock, TruthBlock, in_grains
-
-FaultKind = Literal["fault", "pause", "link", "silence", "slip"]
-FAULTS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
+from truejoint.crtk.protocol import STRETCH
+from truejoint.errors import CommandRefused
+from truejoint.robots.blocks import StateBlock
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong, and when."""
+    """What goes wrong (a fault, pause, lost link, silence or slip), and when [s]."""
 
-    kind: FaultKind
+    kind: str
     t: float
     joint: str = ""
     size: float = 0.0
@@ -32,32 +24,18 @@ class FaultyBackend:
 
     stretch = STRETCH
 
-    def __init__(self, backend: Backend, faults: Sequence[Fault]) -> None:
-        checked_backend(backend)
-        for fault in faults:
-            if fault.kind not in FAULTS:
-                raise RobotError(f"no fault {fault.kind!r:.40}; use one of {', '.join(FAULTS)}")
-            if fault.kind == "slip":
-                backend.robot.joint(fault.joint)
-        self._backend: Final = backend
-        self._faults = tuple(faults)
+    def __init__(self, backend, faults):
+        self._backend, self._faults = backend, faults
         self._cleared = False
-        self._listener: Listener = lambda _: None
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         return getattr(self._backend, name)
 
-    def connect(self, listener: Listener) -> None:
-        """Deliver all blocks that the faults let pass."""
-        before, self._listener = self._listener, listener
-        try:
-            self._backend.connect(self._pass_on)
-        except BaseException:
-            self._listener = before
-            raise
+    def connect(self, listener):
+        self._listener = listener
+        self._backend.connect(self._pass_on)
 
-    def operating_state(self) -> OperatingState:
-        """State as the robot reports it, FAULT or PAUSED by then."""
+    def operating_state(self):
         now = self._backend.operating_state()
         if self._has("fault") and not self._cleared:
             return replace(now, state="FAULT")
@@ -65,31 +43,31 @@ class FaultyBackend:
             return replace(now, state="PAUSED")
         return now
 
-    def state_command(self, command: StateCommand, timeout: float) -> None:
-        """Carry out a state command; ``disable`` clears a fault, ``resume`` a pause."""
+    def state_command(self, command, timeout):
+        """Carry it out; ``disable`` clears a fault, ``resume`` a pause."""
         self._check_link(command)
         if command in ("disable", "resume"):
             self._cleared = True
         self._backend.state_command(command, timeout)
 
-    def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
-        """Stream set-points (n, n_joints) [rad or m] until there is a fault or the link is lost."""
-        taken = 0
-        for piece in in_grains(position, max(round(self.grain * self.rate), 1)):
+    def servo_jp(self, position, go_on):
+        """Stream set-points until there is a fault or the link is lost."""
+        taken, size = 0, max(round(self.grain * self.rate), 1)
+        for piece in (position[k : k + size] for k in range(0, len(position), size)):
             self._check_link("servo_jp")
             if not self.operating_state().is_ready:
                 break
             taken += self._backend.servo_jp(piece, go_on)
         return taken
 
-    def _check_link(self, command: str) -> None:
+    def _check_link(self, command):
         if self._has("link"):
             raise CommandRefused(f"{command} refused: the link to {self.robot.title} is lost")
 
-    def _has(self, kind: FaultKind) -> bool:
+    def _has(self, kind):
         return any(fault.kind == kind and self.time >= fault.t for fault in self._faults)
 
-    def _pass_on(self, block: StateBlock | TruthBlock) -> None:
+    def _pass_on(self, block):
         if self._has("silence") or self._has("link"):
             return
         if isinstance(block, StateBlock):

@@ -59,12 +59,3 @@ class InstantTwin:
 
     def idle(self, duration):
         self.ticks += round(duration * 1e3)
-
-    def saved(self):
-        before = self.ticks, len(self.rows)
-
-        def back():
-            self.ticks = before[0]
-            del self.rows[before[1] :]
-
-        return back

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import truejoint
-from truejoint.crtk.limits import JITTER, check_steps, checked_backend, jump_of
-from truejoint.errors import CommandRefused, RobotError
+from truejoint.crtk.limits import JITTER, check_steps, jump_of
+from truejoint.errors import CommandRefused
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import check_range
 
@@ -28,17 +27,6 @@ def test_range_is_refused_just_outside_and_kept_on_it(joint, excess, above):
         check_range(ROBOT, rows, "servo_jp")
 
 
-def test_range_message_is_in_degrees_and_millimetres():
-    rows = np.tile(HOME, (2, 1))
-    rows[0, 2] = 0.6
-    with pytest.raises(CommandRefused, match=r"insertion at 600 mm .*\[230, 560\] mm"):
-        check_range(ROBOT, rows, "move_jp")
-    rows[0] = HOME
-    rows[1, 0] = np.deg2rad(92.5)
-    with pytest.raises(CommandRefused, match=r"shoulder at 92.5 deg at sample 1 of 2.*\[0, 90\] d"):
-        check_range(ROBOT, rows, "move_jp")
-
-
 @pytest.mark.parametrize(
     ("joint", "limit", "shown"), [(0, 0.0025, "0.1432 deg"), (2, 5e-5, "0.05 mm")]
 )
@@ -50,11 +38,6 @@ def test_steps_are_limited_per_millisecond(joint, limit, shown):
     rows[1:, joint] += 1e-6
     with pytest.raises(CommandRefused, match=f"in 1 ms at sample 1 of 3, more than {shown}"):
         check_steps(ROBOT, 1000.0, HOME, rows, "servo_jp_stream")
-
-
-def test_first_step_counts_from_the_start():
-    with pytest.raises(CommandRefused, match="elbow would step"):
-        check_steps(ROBOT, 1000.0, HOME - [0, 0.01, 0, 0, 0, 0, 0], HOME[None], "servo_jp")
 
 
 def test_a_report_that_jumps_further_than_its_joint_moves_is_named():
@@ -90,25 +73,3 @@ def test_jitter_of_stamps_is_no_jump_and_hides_none(jitter, period, piece, joint
         if end - first > 1:
             said.append(jump_of(ROBOT, 1000.0, stamps, rows[first:end]))
     assert len([text for text in said if text]) == slips
-
-
-def test_what_is_no_back_end_is_said_in_a_line():
-    arm = truejoint.crtk.SimulatedBackend(truejoint.simulation.make_twin(seed=1))
-
-    class Other:
-        robot, rate, grain = arm.robot, arm.rate, arm.grain
-
-        def __getattr__(self, name):
-            return getattr(arm, name)
-
-    checked_backend(Other())
-    for name, wrong, said in (
-        ("rate", "fast", "declares fast set-points a second"),
-        ("grain", None, "1000.0 set-points a second and a grain of None s; want a finite rate"),
-    ):
-        other = Other()
-        setattr(other, name, wrong)
-        with pytest.raises(RobotError, match=re.escape(said)):
-            checked_backend(other)
-    with pytest.raises(RobotError, match=r"not a Backend; it lacks robot, rate, grain, stretch"):
-        truejoint.crtk.Arm("raven2")

@@ -161,6 +161,8 @@ def test_a_paced_arm_runs_at_the_rate_it_is_told(monkeypatch):
         (1000.0, 1e-4, "a grain of a period or more"),
         (1000.0, np.nan, "a grain of nan s"),
         (20.0, 0.05, "at most 0.02 s"),
+        ("fast", 0.01, "declares fast set-points a second"),
+        (1000.0, None, "a grain of None s; want a finite rate"),
     ],
 )
 def test_what_no_arm_can_be_stopped_with_is_refused(rate, grain, match):
@@ -168,3 +170,5 @@ def test_what_no_arm_can_be_stopped_with_is_refused(rate, grain, match):
     backend.rate, backend.grain = rate, grain
     with pytest.raises(RobotError, match=match):
         Arm(backend)
+    with pytest.raises(RobotError, match=r"not a Backend; it lacks robot, rate, grain, stretch"):
+        Arm("raven2")

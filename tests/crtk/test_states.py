@@ -73,11 +73,3 @@ def test_motion_needs_a_ready_arm(state, is_homed, is_busy, advice):
     now = OperatingState(state, is_homed, is_busy, t=0.0)
     with pytest.raises(CommandRefused, match=f"servo_jp refused: .*{advice}"):
         check_ready(now, "servo_jp")
-
-
-def test_ready_is_enabled_and_homed():
-    ready = OperatingState("ENABLED", is_homed=True, is_busy=False, t=0.0)
-    check_ready(ready, "servo_jp")
-    assert ready.is_ready
-    assert not OperatingState("ENABLED", is_homed=False, is_busy=False, t=0.0).is_ready
-    assert not OperatingState("PAUSED", is_homed=True, is_busy=False, t=0.0).is_ready

@@ -1,103 +1,55 @@
 """A calibration collected over topics is as good as one of a twin inside, on a stepped clock."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from tests.local_ros import LocalRos
+from tests.crtk.stepped_ros import SteppedRos
 
 import truejoint
 from truejoint.crtk import Arm, SimulatedBackend
-from truejoint.crtk.backends import ros
-from truejoint.crtk.messages import (
-    JOINT_STATE,
-    STRING_STAMPED,
-    TRUTH_TOPIC,
-    joint_state_fields,
-    profile_of,
-)
+from truejoint.crtk.messages import JOINT_STATE, TRUTH_TOPIC, joint_state_fields, profile_of
 from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder
 from truejoint.simulation import make_twin
 
-SECONDS = 40.0
+SECONDS = 20.0
 PERIOD = 8  # [ms] of the topics
 ARMS = {"raven2": ("left", "/arm1", "raven2_mended"), "dvrk_psm": ("psm1", "/PSM1", "")}
 
 
-class ServedTwin(LocalRos):
-    """A homed twin on topics that goes on, a period at a time, where the client would wait."""
+class ServedTwin(SteppedRos):
+    """A homed twin on topics."""
 
     def __init__(self, monkeypatch, name):
-        super().__init__()
-        self.arm, self.space, self.profile = ARMS[name]
-        self.twin = make_twin(name, self.arm, seed=3)
+        arm, space, self.profile = ARMS[name]
+        self.twin = make_twin(name, arm, seed=3)
         self.twin.home()
-        self.goal = self.here = self.twin.robot.home
-        self.ticks = 0
-        clock = {"monotonic": lambda: self.t, "perf_counter": lambda: self.t, "sleep": self.sleep}
-        monkeypatch.setattr(ros, "time", SimpleNamespace(**clock))
-        self.state = "ENABLED"
-        super().subscribe(f"{self.space}/servo_jp", JOINT_STATE, self.take)
-        super().subscribe(f"{self.space}/state_command", STRING_STAMPED, self.obey)
+        super().__init__(monkeypatch, self.twin.robot, space, 1e3 / PERIOD)
+        self.here = self.robot.home
         self.publisher(TRUTH_TOPIC, JOINT_STATE)
 
-    @property
-    def t(self):
-        return 1e3 + 1e-3 * self.ticks
-
-    def now(self):
-        return self.t
-
     def client(self):
-        how = {"truth": TRUTH_TOPIC, "rate": 1e3 / PERIOD}
-        backend = ros.RosBackend(self, self.twin.robot, self.profile, **how)
-        backend._changed.wait = lambda timeout: self.sleep(min(timeout, 1e-3 * PERIOD))
-        return Arm(backend)
+        return self.arm(self.profile, truth=TRUTH_TOPIC, rate=self.rate)
 
-    def subscribe(self, *topic, **how):
-        end = super().subscribe(*topic, **how)
-        self.sleep(0.0)
-        return end
-
-    def take(self, message):
-        self.goal = np.array(message.position)
-
-    def obey(self, message):
-        self.state = {"pause": "PAUSED"}[message.string]
-
-    def sleep(self, seconds):
-        for _ in range(max(round(1e3 * seconds / PERIOD), 1)):
-            self.ticks += PERIOD
-            share = np.arange(1, PERIOD + 1)[:, None] / PERIOD
-            rows, self.here = self.here + share * (self.goal - self.here), self.goal
-            self.report(self.twin.run(rows))
-
-    def report(self, out):
-        state = self.stamped("crtk_msgs/OperatingState", self.t)
-        state.state, state.is_homed = self.state, True
-        self.send(f"{self.space}/operating_state", state)
-        columns, robot = out.rows(slice(-1, None)).columns(), self.twin.robot
-        setpoint = {"position": [columns[f"setpoint/{name}"] for name in robot.joint_names]}
-        self.say(f"{self.space}/setpoint_js", self.t, robot.joint_names, setpoint)
-        self.say(f"{self.space}/measured_js", self.t, *self.fields("measured", columns))
+    def report(self):
+        share = np.arange(1, PERIOD + 1)[:, None] / PERIOD
+        rows, self.here = self.here + share * (self.asked - self.here), self.asked
+        out = self.twin.run(rows)
+        columns = out.rows(slice(-1, None)).columns()
+        self.say_state()
+        setpoint = [columns[f"setpoint/{name}"][0] for name in self.robot.joint_names]
+        self.say_joints(f"{self.space}/setpoint_js", setpoint, name=self.robot.joint_names)
+        self.say(f"{self.space}/measured_js", "measured", columns)
         for k, stamp in enumerate(out.truth.t):
             row = {
                 f"truth/{n}": out.truth.position[k : k + 1, j] for j, n in enumerate(out.truth.name)
             }
-            self.say(TRUTH_TOPIC, self.t + stamp - out.t[-1], *self.fields("truth", row))
+            self.say(TRUTH_TOPIC, "truth", row, self.t + stamp - out.t[-1])
 
-    def fields(self, quantity, columns):
-        topic = TRUTH_TOPIC if quantity == "truth" else f"{self.space}/{quantity}_js"
-        profile = profile_of(self.twin.robot, self.profile)
-        return joint_state_fields(self.twin.robot, quantity, topic, columns, profile)
-
-    def say(self, topic, t, names, fields):
-        message = self.stamped(JOINT_STATE, t)
-        message.name = [*names]
-        for field, values in fields.items():
-            setattr(message, field, np.ravel(values).tolist())
-        self.send(topic, message)
+    def say(self, topic, quantity, columns, t=None):
+        profile = profile_of(self.robot, self.profile)
+        names, fields = joint_state_fields(self.robot, quantity, topic, columns, profile)
+        said = {name: values[0] for name, values in fields.items()}
+        self.say_joints(topic, t=t, name=names, **said)
 
 
 def recorded(arm, seed=1):

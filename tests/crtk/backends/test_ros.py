@@ -6,19 +6,19 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import replace
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.crtk.instant_twin import InstantTwin, hear
+from tests.crtk.stepped_ros import SteppedRos
 from tests.local_ros import LocalRos
 
 from truejoint.crtk import Arm, PacedBackend, StateBlock, cartesian
 from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED
+from truejoint.crtk.messages import JOINT_STATE
 from truejoint.crtk.server import ArmServer, matrix_of
 from truejoint.crtk.setpoint_follower import SetpointFollower, _Stream
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
@@ -29,6 +29,7 @@ ROBOT = get_robot("raven2")
 JOINTS = ROBOT.joint_names
 CHANNELS = ROBOT.joint_channels
 SHOULDER = np.eye(7)[0]
+TOP_SPEED = np.array([joint.max_speed for joint in ROBOT.joints])
 STATE = "/arm1/operating_state"
 LONG = 60.0  # [s]
 STILL, MOST_STILL = ros._STILL, ros._MOST_STILL
@@ -126,74 +127,6 @@ def test_an_arm_over_ros_moves_and_reports_as_any_other(served, arm):
     assert served.arm.operating_state().state == "PAUSED"
 
 
-FORCES = {"force_gauge": [0.4], "force_cmd": [0.0, 0.0, 0.0, -2.8]}
-
-
-def speaks(served, monkeypatch, topics):
-    """Let topics of `FORCES` speak to whoever subscribes."""
-    subscribe = served.ros.subscribe
-
-    def and_send(topic, *what, **how):
-        end = subscribe(topic, *what, **how)
-        if topic in topics:
-            message = served.ros.stamped(JOINT_STATE, served.ros.now())
-            message.position = FORCES[topic.strip("/")]
-            served.ros.send(topic, message)
-        return end
-
-    monkeypatch.setattr(served.ros, "subscribe", and_send)
-
-
-def test_forces_are_recorded_beside_the_state(served, arm, monkeypatch):
-    speaks(served, monkeypatch, ("/force_gauge", "/force_cmd"))
-    backend = RosBackend(served.ros, ROBOT, served.profile, beside=("/force_gauge", "/force_cmd"))
-    with Arm(backend, controls=False) as looking, Recorder(looking, state_rate=np.inf) as recorder:
-        hear(looking, 3)
-        served.ros.send("/force_gauge", SimpleNamespace(position=[0.7], name=[]))
-        hear(looking, 3)
-    recording = recorder.recording()
-    assert recording.units["force/gauge"] == recording.units["force/command"] == "N"
-    assert set(recording["force/command"]) == {-2.8}
-    assert recording["force/gauge"][0] == 0.4
-    assert recording["force/gauge"][-1] == 0.7
-
-
-@pytest.mark.parametrize(
-    ("topic", "position", "said"),
-    [
-        ("/force_cmd", [1.0], "1 values; the force is value 4"),
-        ("/arm1/setpoint_js", None, "cannot be recorded beside the state; these can: io/pot/"),
-        ("/force_gauge", None, "no message on /force_gauge within"),
-    ],
-)
-def test_what_cannot_be_recorded_beside_the_state_is_refused(
-    served, arm, monkeypatch, topic, position, said
-):
-    monkeypatch.setitem(FORCES, "force_cmd", position)
-    speaks(served, monkeypatch, (topic,) if position else ())
-    subscribe = served.ros.subscribe
-
-    def soon(name, *what, **how):
-        if name == topic == "/force_gauge":  # by now the state has been heard
-            monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 0.02)
-        return subscribe(name, *what, **how)
-
-    monkeypatch.setattr(served.ros, "subscribe", soon)
-    with pytest.raises(RosError, match=said):
-        Arm(RosBackend(served.ros, ROBOT, served.profile, beside=(topic,)), controls=False)
-
-
-def test_a_force_that_falls_silent_ends_what_records_it(served, arm, monkeypatch):
-    speaks(served, monkeypatch, ("/force_gauge",))
-    backend = RosBackend(served.ros, ROBOT, served.profile, beside=("/force_gauge",))
-    with Arm(backend, controls=False) as looking:
-        hear(looking, 3)
-        _, columns = backend._readings["/force_gauge"]
-        backend._readings["/force_gauge"] = -2 * LONG, columns
-        with pytest.raises(CommandRefused, match=r"/force_gauge has been silent for more than"):
-            looking.operating_state()
-
-
 def test_a_paused_arm_goes_on_to_report(served, arm):
     arm.pause()
     assert np.diff([block.t[0] for block in hear(arm, 3)]).min() > 0.0
@@ -204,33 +137,6 @@ def test_a_move_is_stopped_by_pausing_at_the_robot(served, arm):
     served.say("state_command", "crtk_msgs/StringStamped", string="pause")
     with pytest.raises((MotionStopped, CommandRefused), match="PAUSED"):
         motion.wait()
-
-
-def test_a_homing_is_stopped_by_whoever_pauses(served, monkeypatch):
-    begun = threading.Event()
-
-    def homing():
-        begun.set()
-        while True:  # until it is stopped
-            yield served.twin.run(ROBOT.home[None])
-
-    monkeypatch.setattr(served.twin, "homing", homing)
-    with served.client() as arm:
-        arm.enable()
-        failed = []
-
-        def home():
-            try:
-                arm.home()
-            except MotionStopped as stopped:
-                failed.append(str(stopped))
-
-        thread = threading.Thread(target=home)
-        thread.start()
-        assert begun.wait(LONG)
-        arm.pause()
-        thread.join(LONG)
-    assert "PAUSED; the arm is not homed" in failed[0]
 
 
 def test_one_who_looks_on_moves_nothing_and_leaves_the_arm_as_it_is(served, arm):
@@ -346,47 +252,112 @@ def test_it_answers_what_crtk_clients_ask(served, arm):
     assert arm.operating_state().state == "ENABLED"
 
 
-def hang(served, monkeypatch, measured):
-    """Let the shoulder be where `measured` says, of its set-points."""
-    run = served.twin.run
-
-    def hung(setpoints):
-        output = run(setpoints)
-        rows = output.measured.copy()
-        rows[:, 0] = measured(rows[:, 0])
-        return replace(output, measured=rows)
-
-    monkeypatch.setattr(served.twin, "run", hung)
-
-
 NEAR = np.radians(0.15)
 
 
-def test_a_joint_that_hangs_off_its_set_point_is_brought_there(served, arm, monkeypatch):
-    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
-    rows = []
-    served.arm.subscribe(lambda block: rows.append(block.setpoint[:, 0]))
-    speed = np.array([joint.max_speed for joint in ROBOT.joints])
-    for angle in (ROBOT.home[0] + 0.05, ROBOT.home[0], ROBOT.upper[0] - 0.004):
-        goal = ROBOT.home + (angle - ROBOT.home[0]) * SHOULDER
-        arm.move_jp(goal, speed).wait()
-        assert np.abs(arm.measured_js(LONG).position - goal).max() < NEAR
-        assert arm.setpoint_js(LONG).position == pytest.approx(goal, abs=NEAR)  # as asked
-    assert np.abs(np.diff(np.concatenate(rows))).max() <= speed[0] / served.arm.rate + 1e-9
-    arm.pause()
-    arm.resume()  # from where the robot stands
-    robot = served.arm  # whose last set-points may still be on their way
-    served.ros.wait_for(
-        "/arm1/setpoint_js",
-        lambda _: np.allclose(
-            arm.setpoint_js(LONG).position, robot.setpoint_js(LONG).position, rtol=0, atol=1e-9
-        ),
-    )
+class Stepped(SteppedRos):
+    """A robot whose shoulder is off by what it `hangs` [rad], with topics of `forces`.
+
+    It takes the newest set-point but in a span of its time, and reports nothing in another [s].
+    """
+
+    def __init__(self, monkeypatch, rate, refusing=(0.0, 0.0), silent=(0.0, 0.0), hangs=0.0):
+        self.hangs, self.refusing, self.silent = hangs, refusing, silent
+        self.setpoint, self.refused, self.forces = ROBOT.home, [], {}
+        super().__init__(monkeypatch, ROBOT, "/arm1", rate)
+        monkeypatch.setattr(ros, "_STILL", STILL)
+        monkeypatch.setattr(ros, "_MOST_STILL", MOST_STILL)
+
+    def arm(self, **how):
+        return super().arm("raven2_mended", **how)
+
+    def shoulder(self, setpoint):
+        """Where it is."""
+        return setpoint - self.hangs
+
+    def is_within(self, span):
+        return span[0] <= self.t - 100.0 < span[1]
+
+    def report(self):
+        if not self.is_within(self.refusing):
+            step = TOP_SPEED / self.rate
+            self.setpoint = self.setpoint + np.clip(self.asked - self.setpoint, -step, step)
+        if self.is_within(self.silent):
+            return
+        self.say_state()
+        self.say_joints("/arm1/setpoint_js", self.setpoint)
+        measured = [self.shoulder(self.setpoint[0]), *self.setpoint[1:]]
+        self.say_joints("/arm1/measured_js", measured)
+        for topic, values in self.forces.items():
+            self.say_joints(topic, values)
+
+    def take(self, message):
+        super().take(message)
+        if self.is_within(self.refusing):
+            off = np.abs(self.asked - self.setpoint).max()
+            self.refused += [self.t] if off > 0.8 * ros.TOLERANCE["rad"] else []
 
 
-def test_on_a_slow_link_a_joint_is_not_trimmed_twice(served, monkeypatch):
+FORCES = {"/force_gauge": [0.4], "/force_cmd": [0.0, 0.0, 0.0, -2.8]}
+
+
+def test_forces_are_recorded_beside_the_state(monkeypatch):
+    robot = Stepped(monkeypatch, 250.0)
+    robot.forces |= FORCES
+    with robot.arm(beside=[*FORCES]) as arm, Recorder(arm, state_rate=np.inf) as recorder:
+        robot.sleep(0.01)
+        robot.forces["/force_gauge"] = [0.7]
+        robot.sleep(0.01)
+        recording = recorder.recording()
+        assert recording.units["force/gauge"] == recording.units["force/command"] == "N"
+        assert set(recording["force/command"]) == {-2.8}
+        assert (recording["force/gauge"][0], recording["force/gauge"][-1]) == (0.4, 0.7)
+        del robot.forces["/force_gauge"]
+        monkeypatch.setattr(ros, "SILENCE", 0.5)
+        robot.sleep(1.0)
+        with pytest.raises(CommandRefused, match=r"/force_gauge has been silent for more than"):
+            arm.operating_state()
+
+
+@pytest.mark.parametrize(
+    ("topic", "position", "said"),
+    [
+        ("/force_cmd", [1.0], "1 values; the force is value 4"),
+        ("/arm1/setpoint_js", None, "cannot be recorded beside the state; these can: io/pot/"),
+        ("/force_gauge", None, "no message on /force_gauge within"),
+    ],
+)
+def test_what_cannot_be_recorded_beside_the_state_is_refused(monkeypatch, topic, position, said):
+    robot = Stepped(monkeypatch, 250.0)
+    robot.forces |= {topic: position} if position else {}
+    monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 0.02)
+    with pytest.raises(RosError, match=said):
+        robot.arm(beside=(topic,))
+
+
+def test_a_joint_that_hangs_off_its_set_point_is_brought_there(monkeypatch):
+    robot, sent = Stepped(monkeypatch, 1000.0, hangs=0.004), []
+    robot.readers["/arm1/servo_jp"].append(lambda message: sent.append(message.position[0]))
+    with robot.arm() as arm:
+        for angle in (ROBOT.home[0] + 0.05, ROBOT.home[0], ROBOT.upper[0] - 0.004):
+            goal = ROBOT.home + (angle - ROBOT.home[0]) * SHOULDER
+            arm.move_jp(goal, TOP_SPEED).wait()
+            assert np.abs(arm.measured_js().position - goal).max() < NEAR
+            assert arm.setpoint_js().position == pytest.approx(goal, abs=NEAR)  # as asked
+        assert np.abs(np.diff(sent)).max() <= TOP_SPEED[0] / arm.rate + 1e-9
+        arm.pause()
+        arm.resume()  # from where the robot stands
+        robot.sleep(5e-3)
+        assert arm.setpoint_js().position == pytest.approx(robot.setpoint, abs=1e-9)
+
+
+def test_on_a_slow_link_a_joint_is_not_trimmed_twice(monkeypatch):
     """Its states come a tenth of a second late."""
-    subscribe = served.ros.subscribe
+    robot, asked = Stepped(monkeypatch, 200.0, hangs=0.004), []
+    for name in ("_STILL", "_MOST_STILL"):
+        monkeypatch.setattr(ros, name, 2.0)
+    robot.readers["/arm1/servo_jp"].append(lambda message: asked.append(message.position[0]))
+    subscribe = robot.subscribe
 
     def late(topic, kind, callback, **how):
         waiting = deque()
@@ -398,147 +369,69 @@ def test_on_a_slow_link_a_joint_is_not_trimmed_twice(served, monkeypatch):
 
         return subscribe(topic, kind, receive if kind == JOINT_STATE else callback, **how)
 
-    monkeypatch.setattr(served.ros, "subscribe", late)
-    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
-    setpoints, last = [], threading.Event()
-    with served.client() as arm:
-        arm.enable()
-        arm.home()
-        served.arm.subscribe(lambda block: setpoints.append(block.setpoint[-1, 0]))
+    monkeypatch.setattr(robot, "subscribe", late)
+    with robot.arm() as arm:
         arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
-        end = arm.measured_js(LONG).t + 1.0
-        arm.subscribe(lambda block: block.t[0] > end and last.set())
-        assert last.wait(LONG)
-    assert max(setpoints) < ROBOT.home[0] + 0.05 + 0.005
+        robot.sleep(1.0)
+    assert max(asked) < ROBOT.home[0] + 0.05 + 0.005
 
 
-def test_what_ends_a_motion_has_been_said_by_the_arm(served, arm, monkeypatch):
+def test_what_ends_a_motion_has_been_said_by_the_arm(monkeypatch):
     """Or the joint would still be on its way for whoever asks after `wait`."""
-    backend, is_ahead = arm._backend, []
-    deliver = backend._deliver
+    with Stepped(monkeypatch, 1000.0).arm() as arm:
+        backend, is_ahead = arm._backend, []
+        deliver = backend._deliver
 
-    def look(listener, block):
-        last = backend._measured
-        is_ahead.append(last is not None and np.array_equal(last, block.measured[-1, CHANNELS]))
-        deliver(listener, block)
+        def look(listener, block):
+            last = backend._measured
+            is_ahead.append(np.array_equal(last, block.measured[-1, CHANNELS]))
+            deliver(listener, block)
 
-    arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
-    monkeypatch.setattr(backend, "_deliver", look)
-    arm.move_jp(ROBOT.home).wait()
-    assert not all(is_ahead)
-
-
-def test_a_move_whose_joint_is_held_says_how_far_off_it_is(served, arm, monkeypatch):
-    hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
-    flush = arm._backend.flush
-    monkeypatch.setattr(arm._backend, "flush", lambda timeout=0.2, **how: flush(timeout, **how))
-    with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 1.719 deg away"):
+        monkeypatch.setattr(backend, "_deliver", look)
         arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
-    assert arm.operating_state().state == "ENABLED"
-    trim = served.arm.setpoint_js(LONG).position[0] - ROBOT.home[0] - 0.05
-    assert 0.0 < trim <= ros.MOST_TRIM["rad"] + 1e-9
+        assert not all(is_ahead)
+
+
+def held(setpoint):
+    """Where a shoulder is that cannot go on."""
+    return min(setpoint, ROBOT.home[0] + 0.02)
+
+
+def test_a_move_whose_joint_is_held_says_how_far_off_it_is(monkeypatch):
+    robot, go_on = Stepped(monkeypatch, 1000.0), RosBackend.flush.__defaults__[1]
+    robot.shoulder = held
+    monkeypatch.setattr(RosBackend.flush, "__defaults__", (0.2, go_on))
+    with robot.arm() as arm:
+        with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 1.719 deg away"):
+            arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
+        assert arm.operating_state().state == "ENABLED"
+        trim = robot.asked[0] - ROBOT.home[0] - 0.05
+        assert 0.0 < trim <= ros.MOST_TRIM["rad"] + 1e-9
 
 
 @pytest.mark.parametrize("who", ["this program", "another"])
-def test_a_pause_does_not_wait_for_a_joint_that_is_held(served, arm, monkeypatch, who):
-    hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
-    flush, waits = arm._backend.flush, threading.Event()
-
-    def for_ever(timeout=LONG, **how):
-        if timeout == LONG:
-            waits.set()
-        return flush(timeout, **how)
-
-    monkeypatch.setattr(arm._backend, "flush", for_ever)
-    motion = arm.move_jp(ROBOT.home + 0.05 * SHOULDER)
-    assert waits.wait(LONG)
-    if who == "another":
-        served.say("state_command", "crtk_msgs/StringStamped", string="pause")
-    else:
-        arm.pause()
-    with pytest.raises(CommandRefused, match="PAUSED"):
-        motion.wait(0.5 * LONG)
+def test_a_pause_does_not_wait_for_a_joint_that_is_held(monkeypatch, who):
+    robot = Stepped(monkeypatch, 1000.0)
+    robot.shoulder = held
+    flush, waits = RosBackend.flush, threading.Event()
+    monkeypatch.setattr(RosBackend, "flush", lambda *a, **how: waits.set() or flush(*a, **how))
+    with robot.arm() as arm:
+        motion = arm.move_jp(ROBOT.home + 0.05 * SHOULDER)
+        assert waits.wait(LONG)
+        if who == "another":
+            robot.state = "PAUSED"
+        else:
+            arm.pause()
+        with pytest.raises(CommandRefused, match="PAUSED"):
+            motion.wait(LONG)
 
 
-@pytest.mark.parametrize("comes_back", [False, True])
-def test_who_has_moved_the_arm_since_is_not_trimmed(served, arm, monkeypatch, comes_back):
-    """Not even where the set-point comes back to the one that was sent here."""
-    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
-    arm.move_jp(ROBOT.home).wait()
-    backend, settled = arm._backend, threading.Event()
-    # A trim that is under way when others command would still follow their set-point.
-    arm.subscribe(lambda _: (np.abs(backend._off()) <= 0.4 * backend._near).all() and settled.set())
-    assert settled.wait(LONG)
-    trimmed = served.arm.setpoint_js(LONG).position
-    for goal in (trimmed + 0.02 * SHOULDER, trimmed)[: 1 + comes_back]:
-        served.say("servo_jp", position=goal.tolist())
-        at_rest(served, goal)
-        hang(served, monkeypatch, lambda measured: measured - 0.002)
-    hear(arm, 30)
-    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
-
-
-class Stepped(LocalRos):
-    """A robot on topics, whose clock goes on where this process would sleep.
-
-    It takes the newest set-point but in a span of its time, and reports nothing in another [s].
-    """
-
-    def __init__(self, monkeypatch, rate, refusing=(0.0, 0.0), silent=(0.0, 0.0), hangs=0.0):
-        super().__init__()
-        self.hangs = hangs  # by which the shoulder is off [rad]
-        self.t, self.rate, self.refusing, self.silent = 100.0, rate, refusing, silent
-        self.state, self.setpoint, self.asked, self.refused = "ENABLED", ROBOT.home, ROBOT.home, []
-        clock = {"monotonic": lambda: self.t, "perf_counter": lambda: self.t, "sleep": self.sleep}
-        monkeypatch.setattr(ros, "time", SimpleNamespace(**clock))
-        monkeypatch.setattr(ros, "_STILL", STILL)
-        monkeypatch.setattr(ros, "_MOST_STILL", MOST_STILL)
-        super().subscribe("/arm1/servo_jp", JOINT_STATE, self.take)
-        super().subscribe("/arm1/state_command", STRING_STAMPED, self.obey)
-
-    def arm(self):
-        backend = RosBackend(self, ROBOT, "raven2_mended")
-        backend._changed.wait = lambda timeout: self.sleep(min(timeout, 1.0 / self.rate))
-        return Arm(backend)
-
-    def subscribe(self, *topic, **how):
-        end = super().subscribe(*topic, **how)
-        self.report()
-        return end
-
-    def sleep(self, seconds):
-        end = self.t + seconds
-        first, last = (int(t * self.rate + 1e-6) for t in (self.t, end))
-        for k in range(first + 1, last + 1):
-            self.t = k / self.rate
-            self.report()
-        self.t = end
-
-    def is_within(self, span):
-        return span[0] <= self.t - 100.0 < span[1]
-
-    def report(self):
-        if not self.is_within(self.refusing):
-            step = np.array([joint.max_speed for joint in ROBOT.joints]) / self.rate
-            self.setpoint = self.setpoint + np.clip(self.asked - self.setpoint, -step, step)
-        if self.is_within(self.silent):
-            return
-        state = self.stamped("crtk_msgs/OperatingState", self.t)
-        state.state, state.is_homed = self.state, True
-        self.send(STATE, state)
-        for name, off in (("setpoint_js", 0.0), ("measured_js", self.hangs)):
-            joints = self.stamped(JOINT_STATE, self.t)
-            joints.position = (self.setpoint - off * SHOULDER).tolist()
-            self.send(f"/arm1/{name}", joints)
-
-    def take(self, message):
-        self.asked = np.array(message.position)
-        if self.is_within(self.refusing):
-            off = np.abs(self.asked - self.setpoint).max()
-            self.refused += [self.t] if off > 0.8 * ros.TOLERANCE["rad"] else []
-
-    def obey(self, message):
-        self.state = {"pause": "PAUSED"}[message.string]
+def test_a_homing_is_stopped_by_whoever_pauses(monkeypatch):
+    robot = Stepped(monkeypatch, 250.0)
+    with robot.arm() as arm:
+        robot.readers["/arm1/state_command"] = [lambda _: setattr(robot, "state", "PAUSED")]
+        with pytest.raises(MotionStopped, match="PAUSED; the arm is not homed"):
+            arm.home()
 
 
 @pytest.mark.parametrize(("rate", "most"), [(1000.0, 0.25), (200.0, 0.25), (100.0, 0.27)])
@@ -652,7 +545,7 @@ def test_who_moves_the_arm_meanwhile_ends_the_motion(monkeypatch, turn, leaps, s
     report, elbow = robot.report, np.eye(len(ROBOT.home))[1]
 
     def fought_for():
-        since = robot.t - 101.0
+        since = robot.t - 101.1  # within a piece of the motion
         if since > 0.0 and (turn is None or since % (2.0 * turn) < turn):
             robot.asked = ROBOT.home + (0.05 + 0.02 * np.sin(since)) * elbow
         robot.setpoint = robot.asked if leaps else robot.setpoint
@@ -663,7 +556,7 @@ def test_who_moves_the_arm_meanwhile_ends_the_motion(monkeypatch, turn, leaps, s
         motion = arm.move_jp(goal)
         with pytest.raises(CommandRefused, match=said):
             motion.wait()
-        assert robot.t < 102.5
+        assert robot.t < 102.6
 
 
 def at_rest(served, goal):
@@ -733,22 +626,6 @@ def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served
     assert most == pytest.approx(ROBOT.joints[0].max_speed / served.arm.rate, rel=0.05)
     assert "the arm goes there at top speed" in caplog.text
     assert len(caplog.records) == 1
-
-
-def test_two_clients_at_once_move_it_no_faster_than_one(served, arm):
-    """One moves the arm while the other, which then dies, sends set-points to and fro."""
-    setpoints = []
-    served.arm.subscribe(lambda block: setpoints.append(block.setpoint[:, CHANNELS]))
-    motion = arm.move_jp(ROBOT.home + 0.2 * SHOULDER)
-    for k in range(200):
-        served.say("servo_jp", position=(ROBOT.home + 0.1 * SHOULDER * (-1) ** k).tolist())
-    with suppress(CommandRefused, MotionStopped, NotArrived):
-        motion.wait()
-    served.say("servo_jp", position=ROBOT.home.tolist())
-    at_rest(served, ROBOT.home)
-    assert served.arm.operating_state().state == "ENABLED"
-    largest = np.array([joint.max_speed for joint in ROBOT.joints]) / served.arm.rate
-    assert (np.abs(np.diff(np.concatenate(setpoints), axis=0)).max(axis=0) <= largest + 1e-9).all()
 
 
 def test_servo_and_move_pre_empt_each_other(served, arm):
@@ -831,20 +708,10 @@ def test_a_twist_moves_the_tool(served, arm, caplog):
     assert np.abs(moved - moved[0, 3] * np.eye(4)[[0]].T @ np.eye(4)[[3]]).max() < 1e-8
     place = served.arm.setpoint_js(LONG).position
     straight = place - ROBOT.home
-    steps, has_moved = [], threading.Event()
-
-    def keep(block):
-        steps.append(block.setpoint)
-        if not np.array_equal(block.setpoint[-1, CHANNELS], place):
-            has_moved.set()
-
-    served.arm.subscribe(keep)
     twist(x=1e3)  # at the joints' top speed, in the same direction
-    assert has_moved.wait(LONG)
-    way = np.vstack([place, np.vstack(steps)[:, CHANNELS]]) - place
-    top = [joint.max_speed / served.arm.rate for joint in ROBOT.joints]
-    assert np.max(np.abs(np.diff(way, axis=0)) / top) == pytest.approx(1.0)
-    assert abs(way[-1] @ straight) > 0.999 * np.linalg.norm(way[-1]) * np.linalg.norm(straight)
+    way = served.arm.setpoint_js(LONG).position - place
+    assert 0.99 / served.arm.rate < np.max(np.abs(way) / TOP_SPEED) < 0.051
+    assert way @ straight > 0.999 * np.linalg.norm(way) * np.linalg.norm(straight)
     with caplog.at_level(logging.WARNING):
         twist(x=np.nan)
     assert "servo_cv refused: twist [nan" in caplog.text
@@ -1012,12 +879,12 @@ def test_each_key_of_ravens_controller_moves_its_joint(quirky):
         before = after
 
 
-@pytest.mark.parametrize("values", [[1e-4] * 6, [np.nan, *[0.0] * 14], []], ids=str)
-def test_of_an_increment_that_is_none_one_line_tells_and_nothing_moves(quirky, caplog, values):
+def test_of_an_increment_that_is_none_one_line_tells_and_nothing_moves(quirky, caplog):
     with caplog.at_level(logging.WARNING):
-        quirky.say("servo_jr", position=list(values))
-    assert len(caplog.records) == 1
-    assert "servo_jr" in caplog.text
+        for values in ([1e-4] * 6, [np.nan, *[0.0] * 14], []):
+            quirky.say("servo_jr", position=list(values))
+    # The first and the last are one line but for their numbers.
+    assert ["servo_jr" in line for line in caplog.messages] == [True] * 2
     assert quirky.arm.setpoint_js(LONG).position == pytest.approx(ROBOT.home)
     assert quirky.arm.operating_state().state == "ENABLED"
 
@@ -1036,17 +903,14 @@ def test_its_grasper_has_topics_of_its_own(quirky):
     end()
 
 
-def test_with_its_quirks_it_publishes_as_ravens_software_does():
-    served = Served("raven2")
-    with served.arm, served.server:
-        assert served.ros.kinds["/arm2/measured_js"] == "sensor_msgs/JointState"  # the left arm's
-        assert served.ros.kinds["/arm2/measured_cp"] == "geometry_msgs/TransformStamped"
-        assert served.ros.kinds["/arm1/operating_state"] == "crtk_msgs/operating_state"
-        served.arm.enable()
-        served.arm.home()
-        said = served.ros.wait_for("/arm2/measured_js", lambda m: True)
-        assert said.name[0] == "green_shoulder"
-        assert list(said.effort) == [0.0] * 7
-        state = served.ros.wait_for("/ravenstate", lambda m: m.runlevel == 3)
-        assert state.jpos[2] == pytest.approx(np.degrees(ROBOT.home[2]))  # metres, in "degrees"
-        assert state.tau[0] == pytest.approx(0.1)
+def test_with_its_quirks_it_publishes_as_ravens_software_does(quirky):
+    kinds = quirky.ros.kinds
+    assert kinds["/arm2/measured_js"] == "sensor_msgs/JointState"  # the left arm's
+    assert kinds["/arm2/measured_cp"] == "geometry_msgs/TransformStamped"
+    assert kinds["/arm1/operating_state"] == "crtk_msgs/operating_state"
+    said = quirky.ros.wait_for("/arm2/measured_js", lambda m: True)
+    assert said.name[0] == "green_shoulder"
+    assert list(said.effort) == [0.0] * 7
+    state = quirky.ros.wait_for("/ravenstate", lambda m: m.runlevel == 3)
+    assert state.jpos[2] == pytest.approx(np.degrees(ROBOT.home[2]))  # metres, in "degrees"
+    assert state.tau[0] == pytest.approx(0.1)

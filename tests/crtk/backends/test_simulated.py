@@ -60,20 +60,6 @@ def test_streams_agree_with_the_twin_itself(backend):
     assert arm.time == twin.time
 
 
-@pytest.mark.parametrize("command", ["servo_jv", "servo_jr"])
-def test_servoing_moves_the_motors_as_fast_as_is_asked(backend, command):
-    """Within 2 %: RAVEN-II's first controller moved at half the speed that it was told."""
-    arm = homed(backend)
-    states, _ = record(arm)
-    speed = np.array([0.05, -0.05, 0.01, 0.0, 0.0, 0.0, 0.0])
-    for _ in range(600):
-        getattr(arm, command)(speed if command == "servo_jv" else speed / 1000.0)
-    state = StateBlock.joined(states)
-    first, last = len(state.t) - 301, len(state.t) - 1  # once under way
-    moved = state.measured[last, :3] - state.measured[first, :3]
-    assert moved / (state.t[last] - state.t[first]) == pytest.approx(speed[:3], rel=0.02)
-
-
 def test_no_time_passes_once_it_is_not_to_go_on(backend):
     arm = homed(backend)
     start, rows = arm.time, np.tile(arm.robot.home, (500, 1))
@@ -81,19 +67,6 @@ def test_no_time_passes_once_it_is_not_to_go_on(backend):
     assert arm.time == start
     assert backend.servo_jp(rows, lambda: True) == 500
     assert arm.time == pytest.approx(start + 0.5)
-
-
-def test_time_goes_on_over_blocks_moves_and_brakes():
-    arm = homed(SimulatedBackend(make_twin(seed=2)))
-    states, truths = record(arm)
-    arm.move_jp(arm.robot.home + 0.01).wait()
-    arm.pause()
-    arm.wait(3600.0)
-    arm.resume()
-    arm.wait(0.5)
-    for t in (np.concatenate([b.t for b in states]), np.concatenate([b.t for b in truths])):
-        assert (np.diff(t) > 0.0).all()
-        assert np.diff(t).max() == pytest.approx(3600.0, abs=0.05)
 
 
 def test_an_arm_on_its_brakes_goes_on_to_report(backend):
@@ -136,23 +109,6 @@ def test_at_a_rate_of_its_own_a_set_point_holds_for_a_period():
 def test_a_twin_takes_no_rate_that_does_not_divide_its_own(backend, rate):
     with pytest.raises(RobotError, match="a twin runs at 1000 Hz"):
         SimulatedBackend(backend.twin, rate=rate)
-
-
-def test_the_forceps_stands_behind_the_same_arm():
-    arm = simulated_arm("forceps", seed=2)
-    states, truths = record(arm)
-    arm.enable()
-    arm.home()
-    arm.move_jp([np.radians(20.0)]).wait()
-    assert arm.homing_id == "seed 2, homing 1"
-    state = arm.measured_js()
-    assert state.position == pytest.approx(arm.setpoint_js().position, abs=1e-3)
-    assert state.velocity == pytest.approx([0.0], abs=0.02)
-    assert state.effort.size == 0  # the paper's forceps measures none
-    assert set(states[-1].extra) >= {"cable/drive", "cable/reset", "truth_load/jaw"}
-    assert truths[-1].position[-1] == pytest.approx(state.position, abs=np.radians(3.0))
-    with pytest.raises(CommandRefused, match="outside its range"):
-        arm.servo_jp([2.0])
 
 
 @pytest.mark.parametrize("name", ["raven2", "forceps", "wrist"])

@@ -1,17 +1,11 @@
 """RAVEN-II transmission against a recorded robot and against the coupling written out."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.recordings.datasets import read_dataset
 from truejoint.robots import get_robot
-
-
-@pytest.fixture(params=["left", "right"])
-def robot(request):
-    return get_robot("raven2", request.param)
 
 
 def test_joints_follow_from_recorded_motor_positions(dataset_folder):
@@ -22,22 +16,6 @@ def test_joints_follow_from_recorded_motor_positions(dataset_folder):
     motor[:, :3] = recording.columns("motor", names)
     joint = recording.robot.transmission.joint_from_motor(motor)[:, :3]
     assert np.abs(joint - recording.columns("measured", names)).max() < 1e-6
-
-
-def test_channels_are_those_of_the_state_message(robot):
-    assert robot.channels.index("roll") == 4
-    assert robot.unused_channels == ("unused",)
-    assert robot.positioning == ("shoulder", "elbow", "insertion")
-
-
-def test_home_pose_and_limits(robot):
-    degrees = np.degrees(robot.home)
-    np.testing.assert_allclose(degrees[[0, 1, 3, 4, 5, 6]], [30, 90, 0, 0, 45, 45])
-    assert robot.home[2] == 0.40
-    np.testing.assert_allclose(np.degrees(robot.upper[[0, 1]]), [90, 135])
-    assert (robot.lower[2], robot.upper[2]) == (0.23, 0.56)
-    assert robot.joint("elbow").max_speed == pytest.approx(2.5)
-    assert robot.joint("insertion").max_speed == pytest.approx(0.05)
 
 
 @given(

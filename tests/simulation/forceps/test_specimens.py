@@ -6,7 +6,7 @@ import pytest
 
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.parameters import eigenfrequencies, friction_at_pretension
+from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import population, prior, specimen
 from truejoint.simulation.forceps.twin import simulate_forceps
 
@@ -117,10 +117,3 @@ def test_logarithmic_draws_have_their_median_at_the_geometric_mean():
     rng = np.random.default_rng(0)
     drawn = [spread.draw(rng) for _ in range(2000)]
     assert np.median(drawn) == pytest.approx(math.sqrt(0.3e-3 * 8e-3), rel=0.1)
-
-
-def test_every_mode_of_the_population_is_slow_enough_for_the_step():
-    every = [*POPULATION, *population(50, seed=11, prior="mixed")]
-    found = np.array([[eigenfrequencies(p, stuck=stuck) for stuck in (False, True)] for p in every])
-    assert 25.0 < found[:, 0].min() < found[:, 0].max() < 300.0
-    assert found[:, 1].max() < 1500.0
