@@ -265,25 +265,34 @@ def test_the_curves_have_the_band_of_the_interval(stated, pair):
     assert "stated at 90 %" in page[: page.index('<table class="main">')]
 
 
-def test_without_an_interval_the_page_says_so(calibration):
-    found = evaluate(calibration, [motion(30, load=0.0), motion(32)])
+@pytest.fixture(scope="module")
+def weighed(calibration):
+    """Evaluation under two masses and one that is not stated, without an interval, and its page."""
+    tests = [motion(30, load=0.0), motion(31, load=0.5, shift=0.01), motion(32)]
+    found = evaluate(calibration, tests)
+    return found, render_report(found)
+
+
+def test_without_an_interval_the_page_says_so(weighed):
+    found, page = weighed
     assert found.intervals.empty
     assert np.isnan(found.interval_level)
-    page = render_report(found)
     assert "The model states no interval" in page
     assert "90 % interval" not in page
     assert {"calibration", "coverage"}.isdisjoint(figures_of(page))
-    assert "By hung mass" not in page  # of which there is one alone
 
 
 def test_an_interval_that_cannot_be_judged_does_not_stop_the_evaluation(calibration):
     recordings = [motion(seed) for seed in range(10, 22)]
     stated = with_interval(calibration, recordings, rezero=20.0)
     longer = replace(stated.interval, rezero=1e4)
-    found = evaluate({"linear": [replace(stated, interval=longer)]}, [motion(30)])
+    tests = [motion(30, load=0.0), motion(32)]
+    found = evaluate({"linear": [replace(stated, interval=longer)]}, tests)
     assert found.intervals.empty
     assert "all truth lies within the 10000 s" in found.interval_objections[0]
-    assert "all truth lies" in render_report(found)
+    page = render_report(found)
+    assert "all truth lies" in page
+    assert "By hung mass" not in page  # of which there is one alone
 
 
 def test_the_terminal_shows_it_too(pair):
@@ -298,12 +307,12 @@ def test_the_terminal_shows_it_too(pair):
     assert "shoulder [deg]" in text
 
 
-def test_masses_that_differ_are_compared(calibration):
-    tests = [motion(30, load=0.0), motion(31, load=0.5, shift=0.01), motion(32)]
-    page = render_report(evaluate(calibration, tests))
+def test_masses_that_differ_are_compared(calibration, weighed):
+    _, page = weighed
     table = page[page.index("By hung mass") :]
     table = table[: table.index("</section>")]
     assert table.count('<th scope="row">500 g') == 3
     assert table.count('<th scope="row">0 g') == 3
-    error = tests[1].column("truth/elbow") - calibration.correct(tests[1])[:, 1]
+    heavy = motion(31, load=0.5, shift=0.01)
+    error = heavy.column("truth/elbow") - calibration.correct(heavy)[:, 1]
     assert f">{np.degrees(np.sqrt(np.mean(error**2))):.3f}<" in table
