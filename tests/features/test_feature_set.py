@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -36,15 +36,11 @@ def every_value(t: np.ndarray, x: np.ndarray, gap_limit: float = 1e6) -> np.ndar
     return FeatureSet.parse(EVERY_OPERATION).compute(jaw_recording(t, x), gap_limit)
 
 
-@pytest.mark.parametrize("text", EVERY_OPERATION)
-def test_text_reads_back(text):
-    assert str(Feature.parse(text)) == text
-    assert Feature.parse(str(Feature.parse(text))) == Feature.parse(text)
-
-
 @given(st.floats(1e-9, 3600.0), st.integers(1, 10_000))
 def test_any_parameter_reads_back(constant, samples):
     for feature in (
+        Feature("measured/jaw"),
+        Feature("measured/jaw", "rate", constant),
         Feature("measured/jaw", "lowpass", constant),
         Feature("measured/jaw", "play", constant),
         Feature("measured/jaw", "lag", samples),
@@ -119,26 +115,12 @@ def test_lowpass_of_a_ramp_is_exact_at_uneven_spacing():
     )
 
 
-def test_lowpass_and_rate_hardly_depend_on_the_sampling_rate():
-    fast = np.arange(0, 5, 1e-3)
-    slow = fast[::33]
-    chord = 0.033**2 / 8 * 9.0  # farthest that sin(3 t) is from straight lines between samples
-    for text, bound in (
-        ("lowpass(measured/jaw, 0.1)", chord),
-        ("rate(measured/jaw, 0.1)", chord / 0.1),
-    ):
-        at_fast = values_of(text, fast, np.sin(3 * fast))[::33]
-        at_slow = values_of(text, slow, np.sin(3 * slow))
-        assert np.abs(at_fast - at_slow).max() < 1.01 * bound
-
-
 def samples(n: int = 40) -> st.SearchStrategy[np.ndarray]:
     return hnp.arrays(float, n, elements=st.floats(-1e3, 1e3))
 
 
-@settings(max_examples=40)
 @given(samples(), hnp.arrays(float, 40, elements=st.floats(1e-3, 5.0)), st.floats(1e-3, 6.0))
-def test_online_equals_offline_bit_for_bit(x, steps, gap_limit):
+def test_online_equals_offline_bit_for_bit_so_no_feature_sees_the_future(x, steps, gap_limit):
     recording = jaw_recording(np.cumsum(steps), x)
     feature_set = FeatureSet.parse(EVERY_OPERATION)
     offline = feature_set.compute(recording, gap_limit)
@@ -152,16 +134,6 @@ def test_online_equals_offline_bit_for_bit(x, steps, gap_limit):
         assert out.tobytes() == offline[row].tobytes()
 
 
-@settings(max_examples=40)
-@given(samples(), st.integers(1, 39), st.floats(-1e3, 1e3))
-def test_no_feature_sees_the_future(x, row, other):
-    t = np.arange(40) * 0.03
-    changed = x.copy()
-    changed[row:] = other
-    assert every_value(t, x)[:row].tobytes() == every_value(t, changed)[:row].tobytes()
-
-
-@settings(max_examples=40)
 @given(samples(), st.integers(2, 37))
 def test_history_starts_anew_after_a_gap(x, row):
     t = np.arange(40) * 0.03
