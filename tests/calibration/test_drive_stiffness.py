@@ -1,5 +1,3 @@
-from functools import cache
-
 import numpy as np
 import pytest
 from tests.estimators.conftest import SETTLED, steps, target
@@ -19,91 +17,69 @@ from truejoint.studies.forceps.methods import record_forceps
 
 # Off Table 1: a thicker jaw pulley, a smaller wheel, another gear.
 OFF = {"mechanism.jaw_radius": 4.6e-3, "mechanism.wheel_radius": 9e-3, "mechanism.gear_ratio": 40.0}
-PLANTS = {"nominal": specimen("nominal"), "off": specimen("nominal").with_values(OFF)}
+PLANT = specimen("nominal").with_values(OFF)
 
 
 def rows(run) -> np.ndarray:
     return np.column_stack([run.column("motor/jaw"), run.column("cable/reset")])
 
 
-@pytest.fixture
-def plant(request):
-    """The plant that is off the nominal one, unless a test asks for that."""
-    return PLANTS[getattr(request, "param", "off")]
+@pytest.fixture(scope="module")
+def model():
+    run = record_forceps(PLANT, calibration_trajectory().positions[:, 0], seed=0)
+    return FrictionFilter(**PLANT.mechanism._asdict()).fit(rows(run), target(run), dt=steps(run))
 
 
-@cache
-def unloaded(plant):
-    run = record_forceps(plant, calibration_trajectory().positions[:, 0], seed=0)
-    return FrictionFilter(**plant.mechanism._asdict()).fit(rows(run), target(run), dt=steps(run))
-
-
-@cache
-def under_weights(plant):
+@pytest.fixture(scope="module")
+def hung():
     """200 g each way: a record, and its torque where the weight hangs still."""
     found = {}
     for way in ("along", "opposing"):
         test = LoadTest(0.2, way)
-        run = record_forceps(plant, test, seed=3)
+        run = record_forceps(PLANT, test, seed=3)
         still = run.t >= test.phases["IV"][0]
         found[way] = run, still, np.where(still, run.column("truth_load/jaw"), np.nan)
     return found
 
 
-@cache
-def stiffness(plant):
-    hung = under_weights(plant).values()
-    X = np.concatenate([rows(run) for run, _, _ in hung])
-    dt = np.concatenate([steps(run) for run, _, _ in hung])
-    return identify_stiffness(unloaded(plant), X, np.concatenate([t for _, _, t in hung]), dt)
+@pytest.fixture(scope="module")
+def found(model, hung):
+    X = np.concatenate([rows(run) for run, _, _ in hung.values()])
+    dt = np.concatenate([steps(run) for run, _, _ in hung.values()])
+    return identify_stiffness(model, X, np.concatenate([t for _, _, t in hung.values()]), dt)
 
 
-@pytest.fixture
-def model(plant):
-    return unloaded(plant)
-
-
-@pytest.fixture
-def hung(plant):
-    return under_weights(plant)
-
-
-@pytest.fixture
-def found(plant):
-    return stiffness(plant)
-
-
-def test_known_weights_tell_the_stiffness_and_what_it_is_off_by(plant, model, found):
-    true = effective_stiffness(plant)
+def test_known_weights_tell_the_stiffness_and_what_it_is_off_by(model, found):
+    true = effective_stiffness(PLANT)
     assert found.drive_stiffness == pytest.approx(true, rel=0.05)
     assert abs(found.drive_stiffness - true) < 3.0 * found.deviation < 0.2 * true
     # With it, the unloaded motion tells the jaw's friction.
     identified = model.with_stiffness(found)
     assert identified.stiffness_error >= 0.05
-    assert identified.jaw_friction == pytest.approx(friction_at_pretension(plant)[0], rel=0.15)
+    assert identified.jaw_friction == pytest.approx(friction_at_pretension(PLANT)[0], rel=0.15)
     assert model.jaw_friction == pytest.approx(
         identified.jaw_friction * model.drive_stiffness / found.drive_stiffness
     )
 
 
-def test_weights_under_which_the_jaw_rocks_tell_it_better(plant, model, found):
+def test_weights_under_which_the_jaw_rocks_tell_it_better(model):
     """A hand that swings the weight leaves in the friction of a jaw at rest what it will."""
     X, torque = [], []
     for way in ("along", "opposing"):
-        run = record_forceps(plant, rocking_test(0.2, way), seed=5)
+        run = record_forceps(PLANT, rocking_test(0.2, way), seed=5)
         X.append(rows(run))
         torque.append(np.where(run.t >= 14.0, run.column("truth_load/jaw"), np.nan))
     dt = np.r_[0.0, np.full(len(X[0]) - 1, 5e-3)]
     rocked = identify_stiffness(model, np.concatenate(X), np.concatenate(torque), np.tile(dt, 2))
-    true = effective_stiffness(plant)
+    true = effective_stiffness(PLANT)
     assert rocked.drive_stiffness == pytest.approx(true, rel=0.04)
     assert abs(rocked.drive_stiffness - true) < 3.0 * rocked.deviation < 0.15 * true
 
 
 @pytest.mark.parametrize(("mass", "way"), [(0.1, "along"), (0.25, "opposing")])
-def test_other_weights_are_then_within_what_is_stated(plant, model, found, mass, way):
+def test_other_weights_are_then_within_what_is_stated(model, found, mass, way):
     identified, test = model.with_stiffness(found), LoadTest(mass, way)
-    run = record_forceps(plant, test, seed=4)
+    run = record_forceps(PLANT, test, seed=4)
     still = run.t >= test.phases["IV"][0]
     states = identified.states(rows(run), steps(run))
     error = (states.load - run.column("truth_load/jaw"))[still]
@@ -141,12 +117,10 @@ def test_what_tells_no_stiffness_is_refused(model, hung):
     )
 
 
-@pytest.mark.parametrize(
-    ("plant", "shift"), [("nominal", 0.0), ("off", 8e-6), ("nominal", -2e-5)], indirect=["plant"]
-)
-def test_zero_is_found_without_a_sensor_at_the_jaw(plant, model, shift):
+@pytest.mark.parametrize("shift", [0.0, 8e-6, -2e-5])
+def test_zero_is_found_without_a_sensor_at_the_jaw(model, shift):
     motion = sine_trajectory(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
-    run = record_forceps(plant, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift))
+    run = record_forceps(PLANT, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift))
     zero = find_encoder_zero(model, rows(run)[run.t > SETTLED])
     assert zero.shift == pytest.approx(shift, abs=1.5e-6)
     assert abs(zero.shift - shift) < 3.0 * zero.deviation < 6e-6
