@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.synthetic import build_recording
 
 import truejoint
 from truejoint.calibration import calibrate, calibrate_like, read_calibration, write_calibration
-from truejoint.errors import CalibrationError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.learn import Polynomial
 from truejoint.estimators.stack.pooled import Expert, Pooled
@@ -50,7 +50,7 @@ def models() -> list[truejoint.Calibration]:
 
 def test_five_seconds_do_what_the_same_seconds_alone_do_not(models, tmp_path):
     errors = {"like": [], "linear": [], "poly2_ridge": []}
-    for number in range(11, 19):
+    for number in range(11, 16):
         brief = jaw(number, 5, seconds=5.0, span=0.05)
         unseen = jaw(number, 6, rate=2.0)
         like = calibrate_like(brief, models)
@@ -65,7 +65,7 @@ def test_five_seconds_do_what_the_same_seconds_alone_do_not(models, tmp_path):
     write_calibration(like, path)
     assert read_calibration(path).correct(unseen).tobytes() == like.correct(unseen).tobytes()
     sources = {session.source for session in like.origin.sessions}
-    assert {"jaw 0 0", "jaw 18 5"} <= sources  # none of which it may be judged on
+    assert {"jaw 0 0", "jaw 15 5"} <= sources  # none of which it may be judged on
 
 
 def test_weights_are_those_of_the_posterior_and_sum_to_one():
@@ -127,18 +127,14 @@ def test_an_own_fit_that_is_better_on_what_is_left_out_is_taken(models):
 def test_what_does_not_belong_together_is_refused(models):
     brief = jaw(11, 5, seconds=5.0)
     raven = calibrate(build_recording(300), "linear")
-    with pytest.raises(CalibrationError, match=r"like: linear of .* is of raven2"):
-        calibrate_like(brief, [*models, raven])
-    with pytest.raises(CalibrationError, match="like: 0 models; give 1 to 9"):
-        calibrate_like(brief, [])
-    with pytest.raises(CalibrationError, match="like: 10 models"):
-        calibrate_like(brief, [models[0]] * 10)
-    with pytest.raises(CalibrationError, match="the models correct jaw; leave out the joints"):
-        calibrate_like(brief, models, joints=["elbow"])
+    refused(r"like: linear of .* is of raven2", calibrate_like, brief, [*models, raven])
+    refused("like: 0 models; give 1 to 9", calibrate_like, brief, [])
+    refused("like: 10 models", calibrate_like, brief, [models[0]] * 10)
+    said = "the models correct jaw; leave out the joints"
+    refused(said, calibrate_like, brief, models, joints=["elbow"])
     table = brief.table.drop(columns="effort/jaw")
     bare = Recording(table, {n: u for n, u in brief.units.items() if n in table}, brief.provenance)
-    with pytest.raises(truejoint.errors.TruejointError, match="effort/jaw"):
-        calibrate_like(bare, models)
+    refused("effort/jaw", calibrate_like, bare, models)
     other = calibrate(build_recording(300), "linear", joints=["elbow"])
-    with pytest.raises(CalibrationError, match="give models of the same joints"):
-        calibrate_like(build_recording(200, seed=4), [raven, other])
+    recording = build_recording(200, seed=4)
+    refused("give models of the same joints", calibrate_like, recording, [raven, other])

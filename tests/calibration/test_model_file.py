@@ -4,7 +4,6 @@ import copy
 import json
 import struct
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 import safetensors.numpy
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.random import RandomState
 
 from truejoint.calibration import (
     Calibration,
@@ -23,7 +23,7 @@ from truejoint.calibration import (
 )
 from truejoint.calibration.model_file import FORMAT_VERSION, decode, encode, from_bytes, to_bytes
 from truejoint.errors import ModelFileError
-from truejoint.estimators import NeuralNetwork, Polynomial
+from truejoint.estimators import NeuralNetwork
 
 FEATURES = (
     "measured/elbow",
@@ -31,16 +31,12 @@ FEATURES = (
     "lag(measured/elbow, 2)",
     "play(measured/elbow, 0.02)",
 )
-ESTIMATORS = (
-    "offset", "linear", "poly2", Polynomial(3),
-    NeuralNetwork(hidden_layer_sizes=(5, 4), epochs=2),
-    NeuralNetwork(hidden_layer_sizes=[3], epochs=1, random_state=np.random.RandomState(1)),
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def calibration(recording):
-    return calibrate(recording, ESTIMATORS[4], features=FEATURES, joints=["elbow", "insertion"])
+    network = NeuralNetwork(hidden_layer_sizes=(5, 4), epochs=2)
+    return calibrate(recording, network, features=FEATURES, joints=["elbow", "insertion"])
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +53,11 @@ def same(one, other, recording) -> bool:
 
 @pytest.mark.parametrize(
     ("estimator", "target"),
-    [*product(ESTIMATORS, ["error"]), *product(ESTIMATORS[2:5:2], ["position"])],
-    ids=lambda one: str(one).partition(" at 0x")[0],
+    [
+        ("linear", "error"),
+        (NeuralNetwork(hidden_layer_sizes=[3], epochs=1, random_state=RandomState(1)), "position"),
+    ],
+    ids=["a preset", "parameters that are no plain values"],
 )
 def test_round_trip_is_bit_for_bit(tmp_path, recording, build, estimator, target):
     made = calibrate(recording, estimator, features=FEATURES, target=target)
@@ -222,15 +221,23 @@ def test_mutated_bytes_give_an_error_or_the_same_model(
 
 
 @pytest.mark.parametrize(
-    ("field", "lie"),
+    ("key", "lie"),
     [("units", ["rad"]), ("units", "rad"), ("units", {"measured/elbow": ""}),
      ("units", {"measured/elbow": "x" * 41}), ("units", {"measured/elbow": "\n"}),
      ("units", {"measured/elbow": 1}), ("units", {"measured/elbow": "rad"}), ("target", "speed"),
-     ("target", None), ("gap_limit", 0.0), ("gap_limit", -1.0), ("gap_limit", "1")],
+     ("target", None), ("gap_limit", 0.0), ("gap_limit", -1.0), ("gap_limit", "1"),
+     ("origin/sessions", 5), ("origin/sessions", [1]), ("origin/sessions", [{}]),
+     ("origin/sessions", [{"sha256": "", "first": 0.0, "last": "late"}]),
+     ("origin/sessions", [{"sha256": "", "first": 0.0, "last": 1.0, "load": "heavy"}]),
+     ("origin/interval_sessions", ["x"]), ("origin/baseline_notes", 5), ("origin/homing_ids", "h1"),
+     ("origin/accepted", [1]), ("origin/estimator", 5), ("origin/sample_dt", -1.0),
+     ("origin/sample_dt", "30"), ("origin/zeros", {"per": "day", "names": [], "offsets": []})],
 )  # fmt: skip
-def test_a_lie_is_refused_by_its_field(tmp_path, saved, field, lie):
+def test_a_lie_is_refused_by_its_field(tmp_path, saved, key, lie):
     description, arrays = from_bytes(saved)
-    refused(tmp_path, to_bytes({**description, field: lie}, arrays), field)
+    *part, field = key.split("/")
+    (description["origin"] if part else description)[field] = lie
+    refused(tmp_path, to_bytes(description, arrays), key.replace("/", ".*"))
 
 
 def test_no_name_of_a_column_becomes_source(tmp_path, saved):
@@ -239,25 +246,10 @@ def test_no_name_of_a_column_becomes_source(tmp_path, saved):
     refused(tmp_path, to_bytes({**description, "redundant": hostile}, arrays), "is called as none")
 
 
-@pytest.mark.parametrize(
-    ("key", "lie"),
-    [("sessions", 5), ("sessions", [1]), ("sessions", [{}]), ("interval_sessions", ["x"]),
-     ("sessions", [{"sha256": "", "first": 0.0, "last": "late"}]),
-     ("sessions", [{"sha256": "", "first": 0.0, "last": 1.0, "load": "heavy"}]),
-     ("baseline_notes", 5), ("homing_ids", "h1"), ("accepted", [1]), ("estimator", 5),
-     ("zeros", {"per": "day", "names": [], "offsets": []})],
-)  # fmt: skip
-def test_an_origin_of_the_wrong_kind_is_refused_by_its_key(tmp_path, saved, key, lie):
+def test_a_model_that_counts_samples_states_its_time_step(tmp_path, saved):
     description, arrays = from_bytes(saved)
-    origin = {**description["origin"], key: lie}
-    refused(tmp_path, to_bytes({**description, "origin": origin}, arrays), f"origin.*{key}")
-
-
-@pytest.mark.parametrize("dt", [-1.0, 0.0, "30"])
-def test_a_model_that_counts_samples_states_its_time_step(tmp_path, saved, dt):
-    description, arrays = from_bytes(saved)
-    origin = {**description["origin"], "sample_dt": dt}
-    refused(tmp_path, to_bytes({**description, "origin": origin}, arrays), "time step|sample_dt")
+    description["origin"]["sample_dt"] = 0.0
+    refused(tmp_path, to_bytes(description, arrays), "the time step is not stated")
 
 
 @pytest.fixture(scope="module")
