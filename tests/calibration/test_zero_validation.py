@@ -1,6 +1,7 @@
 """A zero for each recording, kept where re-zeroed recordings that no fit saw are better for it."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -40,11 +41,12 @@ def several(zero: float, count: int = 5) -> list[Recording]:
 
 
 LINEAR = Automatic([get_estimator("linear")])
+calibrated = partial(calibrate, features=["measured/jaw", "effort/jaw"])
 
 
 @pytest.fixture(scope="module")
 def kept():
-    return calibrate(several(0.3), LINEAR)
+    return calibrated(several(0.3), LINEAR)
 
 
 def rmse(model, recording: Recording, start: float) -> float:
@@ -58,10 +60,10 @@ def test_zeros_that_moved_are_fitted_beside_the_chosen_model(kept, tmp_path):
     assert told["left_out"] == [f"recordings {k}" for k in (1, 2, 3, 4, 5)]
     assert told["recording"]["jaw"] < 0.5 * told["shared"]["jaw"]
     test = loaded(9, 0.3)
-    plain = calibrate(several(0.3), LINEAR, zero="shared")
+    plain = calibrated(several(0.3), LINEAR, zero="shared")
     assert kept.correct(test).tobytes() == plain.correct(test).tobytes()
     assert "zero" not in plain.metadata["choice"]
-    stated = calibrate(several(0.3), LINEAR, zero="recording")
+    stated = calibrated(several(0.3), LINEAR, zero="recording")
     both = [one.at(find_zero(one, test, START)).correct(test) for one in (kept, stated)]
     assert both[0].tobytes() == both[1].tobytes()
     own = kept.for_rezeroing
@@ -74,7 +76,7 @@ def test_zeros_that_moved_are_fitted_beside_the_chosen_model(kept, tmp_path):
 
 def test_zeros_that_did_not_move_change_nothing():
     recordings = several(0.0)
-    model, plain = calibrate(recordings, LINEAR), calibrate(recordings, LINEAR, zero="shared")
+    model, plain = calibrated(recordings, LINEAR), calibrated(recordings, LINEAR, zero="shared")
     assert not model.metadata["choice"]["zero"]["kept"]
     assert model.rezeroed_fit is None
     assert model.for_rezeroing is model
@@ -85,7 +87,7 @@ def test_zeros_that_did_not_move_change_nothing():
 
 
 def test_two_recordings_do_not_tell_and_it_is_said():
-    model = calibrate(several(0.3, 2), LINEAR)
+    model = calibrated(several(0.3, 2), LINEAR)
     assert model.metadata["choice"]["zero"] == {"kept": False, "note": "it takes 3 recordings"}
     assert model.rezeroed_fit is None
 
@@ -103,7 +105,7 @@ def test_what_zeros_are_judged_by_knows_nothing_of_the_part_left_out(monkeypatch
     off = recordings[3].column("truth/jaw") + 0.02 * np.sin(0.4 * recordings[3].t)
     wandering = recordings[3].table.assign(**{"truth/jaw": off})
     for last in (recordings[3], replace(recordings[3], table=wandering)):
-        assert calibrate([*recordings[:3], last], LINEAR).estimator == "linear"
+        assert calibrated([*recordings[:3], last], LINEAR).estimator == "linear"
     (one, _), (other, _) = found
     np.testing.assert_array_equal(one.model.coef_, other.model.coef_)
     for name in ("correlation", "beginning"):
@@ -115,7 +117,7 @@ def test_a_recording_that_is_nearly_all_the_time_is_not_left_out_to_judge_zeros(
     long = loaded(7, 0.3)
     parts = [replace(long, table=long.table.assign(t=long.t + k * 20.0)) for k in range(20)]
     table = pd.concat([one.table for one in parts], ignore_index=True)
-    told = calibrate([*several(0.3, 3), replace(long, table=table)], LINEAR).metadata["choice"]
+    told = calibrated([*several(0.3, 3), replace(long, table=table)], LINEAR).metadata["choice"]
     assert [name.split()[0] for name in told["left_out"]].count("time") == 5
     assert told["zero"]["left_out"] == [f"recordings {k}" for k in (1, 2, 3)]
 
@@ -127,7 +129,7 @@ def test_recordings_that_are_thinned_unlike_each_other_are_judged_all_the_same(m
     parts = [one.table.assign(t=one.t + k * 20.0) for k in range(20)]
     long = replace(one, table=pd.concat(parts, ignore_index=True))
     features = ["measured/jaw", "effort/jaw", "lowpass(effort/jaw, 0.5)"]
-    model = calibrate([*several(0.3, 7), long, loaded(8, 0.3)], LINEAR, features=features)
+    model = calibrated([*several(0.3, 7), long, loaded(8, 0.3)], LINEAR, features=features)
     assert model.looks_back
     assert len(model.metadata["choice"]["zero"]["left_out"]) >= 3
 
