@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, TypeVar
 
 from truejoint.crtk import Arm, StateBlock, TruthBlock
@@ -31,8 +29,8 @@ def recorded(arm: Arm, *paths: Trajectory, **how: Any) -> Recording:
 
 
 @contextmanager
-def told(arm: Arm, kind: type[Block]) -> Iterator[list[Block]]:
-    """Give the blocks of a kind that an arm tells meanwhile."""
+def blocks_of(arm: Arm, kind: type[Block]) -> Iterator[list[Block]]:
+    """Blocks of a kind that an arm gives to its subscribers meanwhile."""
     blocks: list[Block] = []
 
     def keep(block: StateBlock | TruthBlock) -> None:
@@ -42,9 +40,3 @@ def told(arm: Arm, kind: type[Block]) -> Iterator[list[Block]]:
     arm.subscribe(keep)
     yield blocks
     arm.unsubscribe(keep)
-
-
-def processor_time(stat: Path) -> float:
-    """Processor time [s] that the kernel states of a thread or process in its file ``stat``."""
-    fields = stat.read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import head, parsed, row
-from benchmarks.arms import homed, recorded, told
+from benchmarks.arms import blocks_of, homed, recorded
 from benchmarks.timing import LoopTiming, TimedBackend
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
@@ -81,7 +81,7 @@ class Session:
         self, signals: tuple[str, ...], duration: float, seed: int = 7, pause: float = 0.0
     ) -> Samples:
         """Go on moving at random for `duration` [s], then hold for `pause`; take every sample."""
-        with told(self.arm, StateBlock) as blocks:
+        with blocks_of(self.arm, StateBlock) as blocks:
             follow(self.arm, random_motion(self.arm.robot, duration=duration, seed=seed))
             if pause > 0.0:
                 self.arm.wait(pause)

@@ -27,8 +27,8 @@ from tests.chromium import Chromium
 
 import truejoint
 from benchmarks import head, parsed, row
-from benchmarks.arms import homed, processor_time, recorded
-from benchmarks.timing import TimedBackend
+from benchmarks.arms import homed, recorded
+from benchmarks.timing import TimedBackend, processor_time
 from truejoint.crtk import Arm
 from truejoint.errors import TruejointError
 from truejoint.monitor import ArmPage

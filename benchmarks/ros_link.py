@@ -44,7 +44,8 @@ from tests.ros_master import Master, environment, free_port
 
 import truejoint
 from benchmarks import head, parsed, row
-from benchmarks.arms import homed, processor_time
+from benchmarks.arms import homed
+from benchmarks.timing import processor_time
 from truejoint.array_types import Array
 from truejoint.crtk import Arm, RosBackend, simulated_arm
 from truejoint.crtk.backends.ros import TOLERANCE

@@ -1,9 +1,11 @@
-"""How evenly a loop runs, and a paced arm that keeps when its passes started."""
+"""How evenly a loop runs, a paced arm that keeps when its passes started, and processor time."""
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -51,3 +53,9 @@ class TimedBackend(PacedBackend):
         self._starts[self.passes % _KEPT] = time.perf_counter()
         self.passes += 1
         return super()._pass(most)
+
+
+def processor_time(stat: Path) -> float:
+    """Processor time [s] that the kernel states of a thread or process in its file ``stat``."""
+    fields = stat.read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

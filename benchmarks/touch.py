@@ -26,7 +26,7 @@ from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
 from benchmarks import head, parsed, row
-from benchmarks.arms import homed, recorded, told
+from benchmarks.arms import blocks_of, homed, recorded
 from truejoint import Calibration, Recording, calibrate
 from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, SimulatedBackend
@@ -114,7 +114,7 @@ def touched(
 def observed(arm: Arm, seed: int) -> Judge:
     """Record five minutes of random motion."""
     motion = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory")
-    with told(arm, TwinOutput) as outputs:
+    with blocks_of(arm, TwinOutput) as outputs:
         recording = recorded(arm, motion, session="judge")
     t, rows = (np.concatenate([getattr(out, name) for out in outputs]) for name in ("t", "joint"))
     stamps = np.array(recording.t) + recording.provenance.start
