@@ -304,7 +304,7 @@ def loops(evaluation: Evaluation) -> Figure:
             path = unit.scale * np.column_stack((truth, evaluation.error(name, joint)))
             options = {"width": 0.7, "opacity": opacity, "showlegend": column == 0}
             paths = (path[part] for part in parts)
-            x, y = broken(own[every(len(own), most)] for own in paths).T
+            x, y = broken(part[every(len(part), most)] for part in paths).T
             label = estimator_title(name)
             curves.append(curve(x, y, label, colour, hoverinfo="skip", **options))
         across = {"title": f"{joint} position [{unit.name}]"}
