@@ -19,6 +19,10 @@ import time
 import traceback
 from pathlib import Path
 
+from tests.synthetic import build_recording
+
+import truejoint
+
 from .cases import make, make_seeds
 
 MEMORY = 1 << 30  # bytes
@@ -95,6 +99,7 @@ def main() -> int:
             os.chdir("/")
             return 0
         print(f"seed {options.seed}, {options.minutes:g} minutes", flush=True)
+        truejoint.calibrate(build_recording(300, 0))  # compiles what the choice tries
         for warm in range(30):  # kernels and modules, before the memory is counted
             run_case(0, warm, seeds, folder)
         at, ends, number = mmap.mmap(-1, 16), time.monotonic() + 60 * options.minutes, 0
