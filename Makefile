@@ -37,7 +37,7 @@ fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): comma
 	$(BIN)/python -m tests.fuzz --minutes $(FUZZ_MINUTES)
 	$(BIN)/python -m tests.fuzz.frames --count $$((20000 * $(FUZZ_MINUTES)))
 	$(BIN)/python -m tests.fuzz.loop --count $$((100000 * $(FUZZ_MINUTES)))
-	FUZZ_MINUTES=$(FUZZ_MINUTES) $(BIN)/python -m pytest -n auto tests/export/test_sanitizers.py tests/recordings/test_damaged.py
+	FUZZ_MINUTES=$(FUZZ_MINUTES) $(BIN)/python -m pytest -n auto tests/export/test_sanitizers.py
 
 results: $(VENV)/.installed ## Write the page of results anew, with what studies/ and bench/ hold
 	$(BIN)/python docs/results.py $(wildcard studies/*/*.json) $(wildcard bench/*.md)

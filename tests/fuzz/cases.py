@@ -16,6 +16,7 @@ import re
 import shutil
 import signal
 import sys
+import tempfile
 import textwrap
 from collections.abc import Callable
 from functools import cache
@@ -25,7 +26,8 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 import scipy.io
-from tests.recordings.damaged import NUMBERS, TEXTS, damage
+from tests.recordings.damaged import KINDS as RECORDINGS
+from tests.recordings.damaged import read_damaged
 from tests.synthetic import build_recording
 
 import truejoint
@@ -34,10 +36,28 @@ from truejoint.cli.commands import COMMANDS, command
 from truejoint.crtk.messages import PROFILES, joint_state_columns
 from truejoint.errors import TruejointError
 from truejoint.monitor.access import check_message
-from truejoint.motion import write_trajectory, zigzag
+from truejoint.motion import read_trajectory, write_trajectory, zigzag
 from truejoint.recordings import write_bag
 from truejoint.recordings.table.stream_file import StreamWriter
 
+NUMBERS = (
+    "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",
+    "5e-324", "9" * 20, "9" * 400, "9" * 5000, "0x10", "1_000", "1e", "--1", "1,5", "1/0", "1/3",
+    "\u0663", "",
+)  # fmt: skip
+TEXTS = (
+    "", " ", "a", "a" * 5000, "jaw", "elbow", "linear", "raven2", "left", "deg", "rad", "null",
+    "a=b", "=", "jaw=1", "jaw=nan", "measured/elbow", "play(measured/elbow, nan)", "lowpass(",
+    "lag(effort/elbow, -1)", "lag(measured/elbow, 999999999)", "((((", "[/x]", "[bold]", "[]", "{}",
+    "\x1b[31m", "\udcff", "\u00e9", "\n", "\x00", "\\", "../..", "nosuch/m", ".", "%s", "{0}", "*",
+    "?", "-", "--", "@",
+)  # fmt: skip
+TOKENS = (
+    *(text.encode("utf-8", "surrogateescape") for text in (*NUMBERS, *TEXTS)), b"\x0c", b"\r",
+    b"\xff\xfe", b"\xef\xbb\xbf", b"\n\n\n", b"\x00" * 64, b"\xff" * 8, b"\x7f" * 4, b",,,,",
+    b"# ", b'"', b"[[", b"]]",
+    b"\\ud800",
+)  # fmt: skip
 LEFT_OUT = {"datasets", "demo", "study"}
 """Commands that fetch what is public, or start threads and processes of their own for minutes."""
 STOPPED = {"monitor": 3.0, "node correct": 2.0, "node simulate": 2.0,
@@ -111,6 +131,7 @@ def run(*words: object) -> tuple[int, str]:
 @cache
 def commands() -> dict[str, Any]:
     """Every command by the words that call it."""
+
     return {name: command(name) for name in COMMANDS if name not in LEFT_OUT}
 
 
@@ -121,6 +142,7 @@ class Draw:
         self.rng = np.random.default_rng([seed, number])
         self.seeds = sorted(seeds.iterdir())
         self.folder = folder
+        self.covered: set[str] = set()  # what this case tries
 
     def chance(self, share: float) -> bool:
         """Be true that often."""
@@ -129,6 +151,32 @@ class Draw:
     def one(self, values: Any) -> Any:
         """Draw one of some values."""
         return values[int(self.rng.integers(len(values)))]
+
+    def damaged(self, content: bytes) -> bytes:
+        """Change a file here and there."""
+        data = bytearray(content)
+        for _ in range(int(self.rng.geometric(0.4))):
+            at, n = (int(self.rng.integers(len(data) + 1)) for _ in range(2))
+            at, end = min(at, n), min(max(at, n), at + 400)
+            kind = int(self.rng.integers(8))
+            if kind == 0 and data:
+                data[at % len(data)] ^= 1 << int(self.rng.integers(8))
+            elif kind == 1:
+                del data[at:]
+            elif kind == 2:
+                del data[at:end]
+            elif kind == 3:
+                data[at:at] = data[at:end]
+            elif kind == 4:
+                data[at:at] = self.one(TOKENS)
+            elif kind in {5, 6}:  # a number or a word becomes another
+                words = list(re.finditer(rb"[-+.\w]+", bytes(data[:20_000])))
+                if words:
+                    word = self.one(words)
+                    data[word.start() : word.end()] = self.one(TOKENS)
+            elif data:
+                data[at : at + 8] = self.rng.bytes(8)
+        return bytes(data)
 
     def file(self) -> str:
         """Draw a file: damaged, good, or something else."""
@@ -142,7 +190,8 @@ class Draw:
         odd = self.one(ODD_NAMES) if self.chance(0.2) else str(self.rng.integers(10))
         path = self.folder / f"{odd}{seed.name}"
         source = seed if seed.exists() else self.one(self.seeds)
-        path.write_bytes(damage(self.rng, source.read_bytes()))
+        self.covered.add(f"file {source.name}")
+        path.write_bytes(self.damaged(source.read_bytes()))
         return str(path)
 
     def recording(self) -> Any:
@@ -175,6 +224,7 @@ class Draw:
     def call(self) -> list[str]:
         """Draw a command with its words."""
         name = self.one(sorted(commands()))
+        self.covered.add(f"line {name}")
         words = name.split()
         options = []
         for parameter in commands()[name].params:
@@ -183,6 +233,7 @@ class Draw:
                 count = 1 if parameter.nargs == 1 else int(self.rng.geometric(0.7))
                 words += [self.file() for _ in range(count)]
             elif parameter.required or option == "--out" or self.chance(0.12):
+                self.covered.add(f"option {name} {option}")
                 options += [option] if parameter.is_flag else [option, self.value(option)]
         if name == "calibrate":
             options += ["-e", self.one(("offset", "linear", "poly2"))]
@@ -190,15 +241,17 @@ class Draw:
 
 
 class Case(NamedTuple):
-    """What a case is in words, and what raises if it goes wrong."""
+    """What a case is in words, what raises if it goes wrong, and what it covers."""
 
     what: str
     run: Callable[[], None]
+    covered: set[str]
 
 
-def command_case(draw: Draw) -> Case:
+def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
     """Give a command that must end well or refuse in a line."""
     words = draw.call()
+
     limit = max((s for name, s in STOPPED.items() if words[:1] == name.split()[:1]), default=0.0)
 
     def case() -> None:
@@ -213,7 +266,7 @@ def command_case(draw: Draw) -> Case:
         if "--json" in words and code in {0, 1} and not limit:
             check_values(words, said)
 
-    return Case(f"truejoint {words!r}", case)
+    return f"truejoint {words!r}", case
 
 
 def check_values(words: list[str], said: str) -> None:
@@ -275,10 +328,11 @@ def functions() -> dict[str, Callable[..., Any]]:
     return found
 
 
-def function_case(draw: Draw) -> Case:
+def function_case(draw: Draw) -> tuple[str, Callable[[], None]]:
     """Give a call of a public function that must work or say no as this project or Python does."""
     name = draw.one(sorted(functions()))
     function = functions()[name]
+    draw.covered.add(f"function {name}")
     values = {}
     for parameter, (how, needed) in draws_of(function).items():
         if how and (needed or draw.chance(0.3)):
@@ -289,10 +343,10 @@ def function_case(draw: Draw) -> Case:
         with contextlib.suppress(*refused), contextlib.redirect_stdout(io.StringIO()):
             function(**values)
 
-    return Case(f"{name}({str(values)[:600]})", case)
+    return f"{name}({str(values)[:600]})", case
 
 
-def message_case(draw: Draw) -> Case:
+def message_case(draw: Draw) -> tuple[str, Callable[[], None]]:
     """Give messages of ROS, as they arrive, that must become columns or be refused."""
     robot = truejoint.get_robot(draw.one(("raven2", "dvrk_psm", "davinci_grasper")))
     profile = PROFILES[draw.one(sorted(PROFILES))]
@@ -303,29 +357,74 @@ def message_case(draw: Draw) -> Case:
         name: np.full((rows, draw.one((0, count, count + 1))), draw.number())
         for name in ("position", "velocity", "effort")
     }
+    draw.covered.add(f"message {quantity}")
 
     def case() -> None:
         with contextlib.suppress(TruejointError):
             columns = joint_state_columns(robot, quantity, names, fields, profile)
             assert all(values.shape == (rows,) for values in columns.values())
 
-    return Case(f"{robot.name} {quantity} {names!r:.200} {profile}"[:600], case)
+    return f"{robot.name} {quantity} {names!r:.200} {profile}"[:600], case
 
 
-def frame_case(draw: Draw) -> Case:
+def frame_case(draw: Draw) -> tuple[str, Callable[[], None]]:
     """Give a thousand frames, damaged ones of the page's own, that pass or end the connection."""
-    frames = [damage(draw.rng, draw.one(FRAMES)) for _ in range(1000)]
+    frames = [draw.damaged(draw.one(FRAMES)) for _ in range(1000)]
+    draw.covered.add("frames")
 
     def case() -> None:
         for frame in frames:
             with contextlib.suppress(ValueError):
                 check_message(frame)
 
-    return Case(f"frames {frames[0]!r:.200} ...", case)
+    return f"frames {frames[0]!r:.200} ...", case
 
 
-CASES: dict[Callable[[Draw], Case], float] = {
-    command_case: 0.75, function_case: 0.19, message_case: 0.05, frame_case: 0.01,
+@cache
+def contents() -> dict[str, bytes]:
+    """Give a small recording of every kind, by suffix."""
+    with tempfile.TemporaryDirectory() as folder:
+        for suffix, (write, _) in RECORDINGS.items():
+            write(Path(folder) / f"a{suffix}")
+        return {suffix: (Path(folder) / f"a{suffix}").read_bytes() for suffix in RECORDINGS}
+
+
+def read_model(path: Path, good: Path, test: Any) -> None:
+    """Correct by a model that may be damaged as by the one of before."""
+    model = truejoint.read_calibration(path)
+    np.testing.assert_array_equal(
+        model.correct(test), truejoint.read_calibration(good).correct(test)
+    )
+
+
+def read_way(path: Path, good: Path, _: Any) -> None:
+    """Read a trajectory that may be damaged as the one of before."""
+    way, whole = read_trajectory(path), read_trajectory(good)
+    assert "hash" in way.meta.get("notes", "") or np.array_equal(way.positions, whole.positions)
+
+
+def value_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+    """Give a damaged file whose numbers must be those of others' readers or of before, or none."""
+    signed = {seed.name: seed for seed in draw.seeds if seed.suffix in (".safetensors", ".csv")}
+    kind = draw.one((*contents(), "linear.safetensors", "zigzag.csv"))
+    content = contents()[kind] if kind in contents() else signed[kind].read_bytes()
+    path = draw.folder / (f"b{kind}" if kind in contents() else kind)
+    path.write_bytes(draw.damaged(content))
+    draw.covered.add(f"values {kind}")
+
+    def case() -> None:
+        if kind in contents():
+            assert "\n" not in read_damaged(path, RECORDINGS[kind][1])
+            return
+        with contextlib.suppress(TruejointError):
+            (read_model if kind.endswith("s") else read_way)(path, signed[kind], draw.recording())
+
+    return f"values of {path.name}", case
+
+
+CASES: dict[Callable[[Draw], Any], float] = {
+    command_case: 0.66, function_case: 0.16, value_case: 0.12, message_case: 0.05,
+    frame_case: 0.01,
 }  # fmt: skip
 """Kinds of cases and the share of each."""
 
@@ -334,4 +433,20 @@ def make(seed: int, number: int, seeds: Path, folder: Path) -> Case:
     """Give a case by its number."""
     draw = Draw(seed, number, seeds, folder)
     kind = draw.rng.choice(len(CASES), p=list(CASES.values()))
-    return list(CASES)[kind](draw)
+    what, run_it = list(CASES)[kind](draw)
+    return Case(what, run_it, draw.covered)
+
+
+def everything(seeds: Path) -> set[str]:
+    """All that cases can cover: options of commands, kinds of files, functions, messages."""
+    options = {
+        f"option {name} {parameter.opts[0]}"
+        for name, one in commands().items()
+        for parameter in one.params
+        if parameter.opts[0].startswith("-")
+    }
+    files = {f"file {path.name}" for path in seeds.iterdir()}
+    lines = {f"line {name}" for name in commands()}
+    messages = {"frames", "message measured", "message setpoint", "message truth"}
+    messages |= {f"values {kind}" for kind in (*contents(), "linear.safetensors", "zigzag.csv")}
+    return options | files | lines | messages | {f"function {name}" for name in functions()}

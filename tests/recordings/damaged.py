@@ -2,7 +2,6 @@
 
 import contextlib
 import gzip
-import re
 import struct
 import warnings
 from collections.abc import Callable
@@ -21,24 +20,6 @@ from truejoint.recordings import Recording, bag_topics, read_recordings, write_b
 from truejoint.recordings.table.parquet import recording_header
 from truejoint.recordings.table.stream_file import StreamWriter
 
-NUMBERS = (
-    "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",
-    "5e-324", "9" * 20, "9" * 400, "9" * 5000, "0x10", "1_000", "1e", "--1", "1,5", "1/0", "1/3",
-    "\u0663", "",
-)  # fmt: skip
-TEXTS = (
-    "", " ", "a", "a" * 5000, "jaw", "elbow", "linear", "raven2", "left", "deg", "rad", "null",
-    "a=b", "=", "jaw=1", "jaw=nan", "measured/elbow", "play(measured/elbow, nan)", "lowpass(",
-    "lag(effort/elbow, -1)", "lag(measured/elbow, 999999999)", "((((", "[/x]", "[bold]", "[]", "{}",
-    "\x1b[31m", "\udcff", "\u00e9", "\n", "\x00", "\\", "../..", "nosuch/m", ".", "%s", "{0}", "*",
-    "?", "-", "--", "@",
-)  # fmt: skip
-TOKENS = (
-    *(text.encode("utf-8", "surrogateescape") for text in (*NUMBERS, *TEXTS)), b"\x0c", b"\r",
-    b"\xff\xfe", b"\xef\xbb\xbf", b"\n\n\n", b"\x00" * 64, b"\xff" * 8, b"\x7f" * 4, b",,,,",
-    b"# ", b'"', b"[[", b"]]",
-    b"\\ud800",
-)  # fmt: skip
 JAW = make_recording("davinci_grasper", seconds=1.0, rate=20.0)
 ROBOT = {"robot": "davinci_grasper"}
 
@@ -176,30 +157,3 @@ def read_damaged(path: Path, options: dict[str, Any]) -> str:
         return str(error)
     check_rows(path, found)
     return "" if found else "\n"
-
-
-def damage(rng: np.random.Generator, content: bytes) -> bytes:
-    """Change a file here and there."""
-    data = bytearray(content)
-    for _ in range(int(rng.geometric(0.4))):
-        at, n = (int(rng.integers(len(data) + 1)) for _ in range(2))
-        at, end = min(at, n), min(max(at, n), at + 400)
-        kind = int(rng.integers(8))
-        if kind == 0 and data:
-            data[at % len(data)] ^= 1 << int(rng.integers(8))
-        elif kind == 1:
-            del data[at:]
-        elif kind == 2:
-            del data[at:end]
-        elif kind == 3:
-            data[at:at] = data[at:end]
-        elif kind == 4:
-            data[at:at] = TOKENS[rng.integers(len(TOKENS))]
-        elif kind in {5, 6}:  # a number or a word becomes another
-            words = list(re.finditer(rb"[-+.\w]+", bytes(data[:20_000])))
-            if words:
-                word = words[rng.integers(len(words))]
-                data[word.start() : word.end()] = TOKENS[rng.integers(len(TOKENS))]
-        elif data:
-            data[at : at + 8] = rng.bytes(8)
-    return bytes(data)
