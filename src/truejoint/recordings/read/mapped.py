@@ -396,7 +396,7 @@ def _in_si(
                 f"{path}: column {name!r} is in {expected}, which {mapped.unit!r} cannot be; "
                 "correct the column map"
             )
-        with np.errstate(over="ignore"):  # an infinite one is refused in its row
+        with np.errstate(all="ignore"):  # what is not finite is refused in its row
             columns[name] = values * (mapped.scale * factor)
             if mapped.offset:
                 columns[name] += mapped.offset * factor
