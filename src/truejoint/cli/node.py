@@ -85,10 +85,9 @@ def simulate(
         raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
     profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""
     say(f"{made.robot.title}: getting ready; the first time its kernels are compiled")
-    backend = truejoint.crtk.PacedBackend(made, homed=homed)
     with (
         as_node("truejoint_simulate", link.ros) as transport,
-        truejoint.crtk.Arm(backend) as device,
+        truejoint.crtk.Arm(truejoint.crtk.PacedBackend(made, homed=homed)) as device,
         ArmServer(
             device, transport, profile, namespace=link.namespace, rate=state_rate_hz
         ) as server,
