@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import head, parsed, row, stored
-from benchmarks.arms import homed, recorded
+from benchmarks.arms import homed
 from truejoint.array_types import Array
 from truejoint.crtk import simulated_arm
 from truejoint.motion import random_motion, zigzag
@@ -30,6 +30,7 @@ from truejoint.recordings import DataCheck, Recording, check_data
 from truejoint.recordings.datasets import read_dataset
 from truejoint.recordings.join.explained import SLOW, explain, robust_spread
 from truejoint.recordings.judge.positions import left_out_zeros
+from truejoint.studies.raven2.sessions import record
 
 PUBLIC = {
     "grasper": ("davinci_grasper_umn", "Tool_4_Maryland_L_4/*"),
@@ -50,7 +51,7 @@ def twin_session(seed: int) -> tuple[Recording, ...]:
     arm = homed(simulated_arm("raven2", "left", seed=seed))
     paths = [zigzag(arm.robot, "J2-J3", 0.25)]
     paths += [random_motion(arm.robot, 180.0, seed=2 * seed + k) for k in (1, 2)]
-    return tuple(recorded(arm, path, state_rate=30.0, session=path.name) for path in paths)
+    return tuple(record(arm, path) for path in paths)
 
 
 @lru_cache(maxsize=8)

@@ -57,7 +57,7 @@ class Late(Compensator):
         return super().step(*self._samples[0], wanted)
 
 
-def an_arm(seed: int) -> Arm:
+def new_arm(seed: int) -> Arm:
     """Give the arm, homed as all of the same seed."""
     return homed(simulated_arm("raven2", "left", parameters="peng2024", seed=seed))
 
@@ -102,17 +102,17 @@ def main() -> None:
     """Print the table."""
     options = parsed(__doc__, seconds=60.0, seed=0)
     logging.disable(logging.WARNING)  # what it says on the way
-    arm = an_arm(options.seed)
+    arm = new_arm(options.seed)
     training = random_motion(arm.robot, TRAINING, seed=1)
     learnt = recorded(arm, training, session="training", homing_id="1")
     model = calibrate([learnt], "linear").without_redundant()
-    arm = an_arm(options.seed)
+    arm = new_arm(options.seed)
     path = random_motion(arm.robot, options.seconds, seed=2)
     without = errors(arm, path, None)[0].std(axis=0)
     head("loop", *path.joints, "steps OK", "ended by")
     row("none, a fixed offset", *["100 %"] * len(without), "", "")
     for title, how in CASES:
-        arm, corrector = an_arm(options.seed), Corrector(model)
+        arm, corrector = new_arm(options.seed), Corrector(model)
         corrector.set_homing(True, "1")
         loop = Late(corrector, arm.robot, **how)
         error, ended = errors(arm, path, loop)

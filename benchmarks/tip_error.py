@@ -39,8 +39,8 @@ def stated(kind: str, repeats: int, factor: float, seeds: range) -> None:
             print(f"arm {seed}: {error}")
             continue
         near, far = (session.tip_error(model, near=there) for there in (True, False))
-        told = report.tip.rms / near, report.workspace.rms / far, report.left_out_rms / near
-        ratios.append([*told, 1e3 * near, 1e3 * far])
+        shares = report.tip.rms / near, report.workspace.rms / far, report.left_out_rms / near
+        ratios.append([*shares, 1e3 * near, 1e3 * far])
     found = np.array(ratios)
     inside = (np.abs(np.log(found[:, :2])) < np.log(NEAR)).mean(axis=0)
     middle = np.median(found, axis=0)

@@ -255,11 +255,19 @@ def test_a_widget_set_to_what_it_does_not_offer_stops_no_page(view):
 ATTACKS = {
     "frame": "new Promise(r => {const f = document.createElement('iframe'); f.src = TARGET;"
     "document.body.append(f); setTimeout(r, 1000, '')})",
+    "object": "new Promise(r => {const f = document.createElement('object'); f.data = TARGET;"
+    "f.onload = () => r('shown'); f.onerror = () => r(''); document.body.append(f);"
+    "setTimeout(r, 1000, '')})",
     "fetch": "fetch(TARGET).then(r => r.text()).catch(() => '')",
+    "fetch without CORS": "fetch(TARGET, {mode: 'no-cors'}).then(r => r.text()).catch(() => '')",
     "script": "new Promise(r => {const s = document.createElement('script'); s.src = TARGET;"
     "s.onload = () => r('ran'); s.onerror = () => r(''); document.body.append(s)})",
     "WebSocket": "new Promise(r => {const w = new WebSocket(SOCKET, PROTOCOL);"
     "w.onmessage = () => r('read'); w.onopen = () => w.send(PRESS); w.onclose = () => r('')})",
+    "WebSocket of a worker": "new Promise(r => {const b = new Blob(["
+    "`const w = new WebSocket('${SOCKET}', '${PROTOCOL}'); w.onmessage = () => postMessage('read');"
+    "w.onclose = () => postMessage('')`]); const k = new Worker(URL.createObjectURL(b));"
+    "k.onmessage = e => r(e.data)})",
     "WebSocket of a sandbox": "new Promise(r => {const f = document.createElement('iframe');"
     "f.sandbox = 'allow-scripts'; onmessage = e => r(e.data); f.srcdoc = "
     "`<script>const w = new WebSocket('${SOCKET}', '${PROTOCOL}');"
@@ -269,6 +277,7 @@ ATTACKS = {
     "f.method = 'post'; f.target = 'of_form'; f.innerHTML = '<input name=value value=true>';"
     "const i = document.createElement('iframe'); i.name = 'of_form'; document.body.append(i, f);"
     "f.submit(); setTimeout(r, 1000, '')})",
+    "beacon": "new Promise(r => {navigator.sendBeacon(TARGET, PRESS); setTimeout(r, 500, '')})",
     "window": "new Promise(r => {const w = open(TARGET); setTimeout(() => {let got = '';"
     "try {got = w.document.body.innerText} catch {} r(got)}, 1000)})",
 }
