@@ -195,12 +195,12 @@ PROFILES: Final[Mapping[str, Profile]] = {
 
 
 def profile_of(robot: Robot, name: str = "") -> Profile:
-    """Profile called `name`, else the one that is called like the robot, else CRTK's own rules.
+    """Profile called `name`, else the one called most like the robot, else CRTK's own rules.
 
     Raises RobotError for an unknown name.
     """
     alike = [profile for profile in PROFILES if robot.name.startswith(profile)]
-    name = name or (alike or ["crtk"])[0]
+    name = name or max(alike, key=len, default="crtk")
     if name not in PROFILES:
         raise RobotError(unknown("profile", name, PROFILES))
     return PROFILES[name]

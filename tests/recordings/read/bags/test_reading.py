@@ -410,6 +410,18 @@ def test_two_arms_of_a_dvrk_need_a_word(tmp_path):
     assert read_bag(bags[0], "dvrk_psm").provenance.arm == "psm1"
 
 
+@pytest.mark.parametrize(("name", "arm"), [("dvrk_ecm", "ecm"), ("dvrk_mtmr", "mtmr")])
+def test_other_arms_of_a_dvrk_are_found_by_their_namespace(tmp_path, name, arm):
+    names = get_robot(name, arm).joint_names
+    rows = {f"measured/{joint}": np.arange(3.0) + k for k, joint in enumerate(names)}
+    one = Recording.from_columns({"t": np.arange(3.0), **rows}, Provenance(name, arm))
+    write_bag(one, tmp_path / "a.bag")
+    assert set(bag_topics(tmp_path / "a.bag")) == {f"/{arm.upper()}/measured_js"}
+    found = read_bag(tmp_path / "a.bag", name)
+    assert found.provenance.arm == arm
+    np.testing.assert_array_equal(found["measured"], one["measured"])
+
+
 def test_potentiometers_of_a_dvrk_come_from_its_io_topics(tmp_path):
     joints = ("outer_yaw", "outer_pitch", "outer_insertion", "outer_roll")
     names = [f"{quantity}/{joint}" for quantity in ("measured", "pot") for joint in joints]
