@@ -238,11 +238,10 @@ class FeatureSet(Summarised):
         """
         if gap_limit is None:
             gap_limit = default_gap_limit([recording])
-        names, out = list(self.signals), np.empty((len(recording), len(self)))
-        for name in names:
-            if name not in recording.table.columns:
-                recording.column(name)  # refuses it
-        samples = np.ascontiguousarray(recording.table[names].to_numpy(np.float64))
+        out = np.empty((len(recording), len(self)))
+        samples = np.empty((len(recording), len(self.signals)))
+        for column, name in zip(samples.T, self.signals, strict=True):
+            column[:] = recording.column(name)  # a fifth of the time that pandas takes for a list
         t, memory = np.array(recording.t), np.zeros(self.memory_size)
         feature_rows(self.program, gap_limit, t, samples, memory, out)
         return out
