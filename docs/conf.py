@@ -28,8 +28,6 @@ numpydoc_xref_param_type = False
 html_theme = "pydata_sphinx_theme"
 html_title = f"truejoint {version}"
 html_context = {"default_mode": "auto"}
-html_static_path = ["static"]
-html_css_files = ["site.css"]
 html_theme_options = {
     "logo": {"text": "truejoint"},
     "show_toc_level": 2,
