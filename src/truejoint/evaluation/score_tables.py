@@ -28,6 +28,7 @@ from truejoint.toml_file import shipped_table
 from truejoint.units import display_unit
 
 _WORDS: Final = shipped_table(__package__, "words.toml")
+_UNSHOWN: Final = ["conditions", "probes"]  # of a session: rows of numbers, for the program
 
 
 def main_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
@@ -232,7 +233,7 @@ def origin(
     for key, value in {**metadata, "choice": "", **choice}.items():
         if isinstance(value, list | tuple) and value and all(isinstance(v, Mapping) for v in value):
             rows = [{name: _text(name, cell) for name, cell in row.items()} for row in value]
-            table = DataFrame(rows).fillna("")
+            table = DataFrame(rows).fillna("").drop(columns=_UNSHOWN, errors="ignore")
             framed.append((_label(key), table.loc[:, (table != "").any()].rename(columns=_label)))
         elif text := _text(key, value):
             facts.append((_label(key), text))

@@ -208,6 +208,20 @@ def test_a_failed_verdict_opens_the_page(grasper):
     assert "is not good enough in the joint" in page.words
 
 
+def test_a_further_objection_keeps_names_as_they_are_written(grasper):
+    evaluation = evaluate(*grasper)
+    verdict = replace(evaluation.verdict, objections=("one", "rows of Day_2.csv are STALE"))
+    page = _Page(render_report(replace(evaluation, verdict=verdict)))
+    assert "Rows of Day_2.csv are STALE." in page.words
+
+
+def test_sessions_are_listed_without_rows_of_numbers(grasper):
+    words = _Page(render_report(evaluate(*grasper))).words
+    assert "Recordings trained on (1)" in words
+    assert "probes" not in words
+    assert "conditions" not in words.partition("Recordings trained on")[2]
+
+
 def test_reservations_are_told_where_the_verdict_is(grasper):
     model, test = grasper
     table = test.table.copy()
