@@ -76,7 +76,7 @@ def test_the_joint_itself_is_taken_along(call, jaw):
     jaw("jaw", 30, "--state-rate-hz 100")
     call.good("calibrate jaw.parquet -e play_reset -o jaw.st")
     made = jaw("way", 6, "--state-rate-hz 100 --compensate jaw.st --rezero-s 2 --seed 4")
-    assert "steps of the loop by what was said of the sample: OK" in made.err
+    assert "steps of the loop by status: OK" in made.err
     recording, goal = read_parquet("way.parquet"), read_trajectory("way.csv").positions[-1, 0]
     truth, motor = (recording.column(f"{of}/jaw")[-1] for of in ("truth", "measured"))
     assert abs(truth - goal) < 0.2 * abs(motor - goal)
@@ -92,7 +92,7 @@ def test_what_is_reported_keeps_to_the_trajectory(call):
     for folder, options in (("a", ""), ("b", "--closed-loop --lag-s 0.019")):
         made = call.good(f"collect swing.csv --robot forceps -o {folder} {options} --json")
         errors.append(json.loads(made.out)["recordings"][0]["tracking"]["rms"])
-    assert "steps of the loop by what was said of the sample: OK 100.0 %" in made.err
+    assert "steps of the loop by status: OK 100.0 %" in made.err
     assert (np.array(errors[1]) < 0.2 * np.array(errors[0])).all()
 
 

@@ -1,6 +1,7 @@
 """A URDF with a calibration's offsets errs as with a fixed offset, or one line says why not."""
 
 import json
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -81,6 +82,45 @@ def test_the_tool_errs_as_with_a_fixed_offset(session, model, tmp_path):
     assert left_out.endswith("coupling of joints, effort")
 
 
+def test_a_joint_behind_each_one_adds_its_scale(session, model, tmp_path):
+    (tmp_path / "psm.urdf").write_text(document())
+    paths = [tmp_path / "offsets.urdf", tmp_path / "scales.urdf"]
+    said = [export_urdf(model, tmp_path / "psm.urdf", p, scale=p is paths[1]) for p in paths]
+    assert said[0][0] == said[1][0]
+    assert said[1][1] == "coupling of joints, effort"
+    kinds = {f"PSM1_{joint.name}": joint.kind for joint in session[1].robot.joints[:6]}
+    behind = {f"{name}_scale": kind for name, kind in kinds.items()}
+    old, plain = (read_urdf(path, kinds) for path in (tmp_path / "psm.urdf", paths[0]))
+    both = read_urdf(paths[1], kinds | behind)
+    root = ET.parse(paths[1]).getroot()  # noqa: S314 - our own
+    mimics = {
+        each.get("name"): each.find("mimic") for each in root if each.find("mimic") is not None
+    }
+    assert [mimic.get("joint") for mimic in mimics.values()] == [*kinds]
+    reported = session[1].columns("measured", model.joints)
+    factor, shift = (
+        np.array([float(mimics[name].get(key)) for name in behind])
+        for key in ("multiplier", "offset")
+    )
+    learnt, true = (session[0].columns(name, model.joints) for name in ("measured", "truth"))
+    slopes = [np.polyfit(q, t, 1)[0] for q, t in zip(learnt.T, true.T, strict=True)]
+    np.testing.assert_allclose(factor, np.array(slopes) - 1.0, rtol=0, atol=1e-9)
+    middle = (learnt.min(axis=0) + learnt.max(axis=0)) / 2.0
+    np.testing.assert_allclose(factor * middle + shift, 0.0, rtol=0, atol=1e-12)
+    values = reported * (1.0 + factor) + shift + np.array([*said[0][0].values()])
+    for row, follows, scaled in zip(reported, reported * factor + shift, values, strict=True):
+        pose = both.forward(np.concatenate([row, follows]))
+        np.testing.assert_allclose(pose, old.forward(scaled), rtol=0, atol=1e-9)
+    ignored = both.forward(np.concatenate([row, np.zeros(6)]))
+    np.testing.assert_allclose(ignored, plain.forward(row), rtol=0, atol=1e-9)
+    wrist, truth = slice(4, 6), session[1].columns("truth", model.joints)
+    before = model.baselines["offset"].correct(session[1])
+    rmse = [np.sqrt(np.mean((x - truth)[:, wrist] ** 2, axis=0)) for x in (values, before)]
+    assert (rmse[0] < 0.9 * rmse[1]).all()
+    for limit in root.iter("limit"):
+        assert float(limit.get("lower")) <= float(limit.get("upper"))
+
+
 MIMIC = (
     '<joint name="back" type="revolute"><parent link="l0"/><child link="b"/>'
     '<mimic joint="PSM1_outer_pitch" multiplier="-1"/></joint>'
@@ -140,3 +180,7 @@ def test_the_command_says_what_a_urdf_leaves_out(model, tmp_path):
         assert message in str(run(*words, *wrong).exception)
     other = (tmp_path / "m.safetensors", "--to", "c", "--out", tmp_path / "c")
     assert "--urdf is for --to urdf" in str(run(*other, "--urdf", "x.urdf").exception)
+    assert "--scale is for --to urdf" in str(run(*other, "--scale").exception)
+    said = run(*words, "--urdf", tmp_path / "psm.urdf", "--scale", "--force")
+    assert "left out: coupling of joints, effort" in said.output
+    assert "_scale" in (tmp_path / "new.urdf").read_text()

@@ -130,10 +130,9 @@ def collect(
 ) -> Result:
     """Home an arm, simulated or with --ros real, drive it along trajectories and record each.
 
-    All trajectories of one call share one homing, as in one session with a robot. Whatever stops
-    the command leaves what was recorded; with --resume the same command goes on after it. With
-    --compensate the trajectories are where the joints, not their motors, are to be; with
-    --closed-loop where the motors are to report to be.
+    All trajectories of one call share one homing, as in one session with a robot. A command that
+    is stopped leaves what it recorded; with --resume it continues. Trajectories are set-points of
+    the motors; with --compensate positions of the joints, with --closed-loop reported positions.
     """
     from truejoint.recordings.joint_encoders import JointEncoders
 
@@ -162,7 +161,7 @@ def collect(
     if steering is not None:
         steps, counts = max(steering.statuses.total(), 1), steering.statuses.most_common()
         shares = ", ".join(f"{status.name} {100 * n / steps:.1f} %" for status, n in counts)
-        say(f"steps of the loop by what was said of the sample: {shares}")
+        say(f"steps of the loop by status: {shares}")
     return Result({"recordings": rows})
 
 

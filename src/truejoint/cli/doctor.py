@@ -1,4 +1,4 @@
-"""`truejoint doctor`: what ails a recording, or the link that brings it, a verdict for each."""
+"""`truejoint doctor`: what is wrong with a recording, or with the link that brings it."""
 
 import time
 from pathlib import Path
@@ -25,7 +25,7 @@ def doctor(
     duration_s: float | None = None,
     ros: int | None = None,
 ) -> Result:
-    """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
+    """Say what is wrong with a recording or its link; exit code 1 when a verdict is `fail`."""
     from truejoint.recordings.read.track import read_tool_poses
 
     sets = truejoint.recordings

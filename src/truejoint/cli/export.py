@@ -25,6 +25,7 @@ def export(
     compensate: bool = False,
     profile: str = "",
     urdf: Path | None = None,
+    scale: bool = False,
     force: bool = False,
 ) -> Result:
     """Write a calibration as C99 (c), a ROS package (ros) or an ONNX graph (onnx).
@@ -37,17 +38,18 @@ def export(
     """
     stated = {"level": options.share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
-    values = {"profile": profile or None, "prefix": prefix, "urdf": urdf}
+    values = {"profile": profile or None, "prefix": prefix, "urdf": urdf, "scale": scale or None}
     if kind in _OF_ONE_OPTION:
         option, write_one = _OF_ONE_OPTION[kind]
         value = values.pop(option)
+        more = {"scale": bool(values.pop("scale"))} if kind == "urdf" else {}
         if how or compensate or {*values.values()} != {None} or precision != "double":
             raise ExportError(f"--to {kind} takes --{option}; leave other options out")
-        written: Result = write_one(name, output, value, force=force)
+        written: Result = write_one(name, output, value, force=force, **more)
         return written
-    for option, (word, _) in _OF_ONE_OPTION.items():
-        if word != "prefix" and values[word] is not None:
-            raise ExportError(f"--{word} is for --to {option}; leave it out")
+    for word, of in {"profile": "bag", "urdf": "urdf", "scale": "urdf"}.items():
+        if values[word] is not None:
+            raise ExportError(f"--{word} is for --to {of}; leave it out")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
     if kind == "onnx" and how:
@@ -84,12 +86,13 @@ def _export_bag(name: str, output: Path, profile: str | None, *, force: bool) ->
     return Result({"files": [str(output)]})
 
 
-def _export_urdf(name: str, output: Path, urdf: Path | None, *, force: bool) -> Result:
-    """Write a URDF with a calibration's fixed offsets."""
+def _export_urdf(name: str, output: Path, urdf: Path | None, *, scale: bool, force: bool) -> Result:
+    """Write a URDF with a calibration's fixed offsets, and its scales if wanted."""
     if urdf is None:
         raise ExportError("--to urdf needs --urdf, the URDF that is to have the offsets")
     calibration = truejoint.read_calibration(name)
-    offsets, left_out = truejoint.export.export_urdf(calibration, urdf, output, overwrite=force)
+    how = {"scale": scale, "overwrite": force}
+    offsets, left_out = truejoint.export.export_urdf(calibration, urdf, output, **how)
     for joint, offset in offsets.items():
         out.print(f"{joint}: {with_unit(offset, calibration.units[f'measured/{joint}'])} added")
     out.print(f"{output}: left out: {left_out}", soft_wrap=True)

@@ -170,7 +170,7 @@ def extract(
 
 
 def columns(path: Path, robot: str = "", output: Path | None = None, force: bool = False) -> None:
-    """Write a column map for a file, its columns guessed by their names, for you to mend.
+    """Write a column map for a file, its columns guessed by their names, for you to edit.
 
     Other commands take it with `--columns`.
     """

@@ -34,7 +34,7 @@ def monitor(
     """Show an arm in the browser: reported, corrected and true pose, plots, statuses.
 
     The page is on this computer alone unless --host says otherwise. A simulated arm moves in real
-    time until Ctrl-C, one over ROS is looked at; the page's buttons pause and resume it.
+    time until Ctrl-C. An arm over ROS gets no command but the page's: pause and resume.
     """
     calibration = None if model is None else truejoint.read_calibration(model)
     try:

@@ -77,7 +77,7 @@ def simulate(
     homed: bool = False,
     state_rate_hz: float = 1e3,
 ) -> None:
-    """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
+    """Stand in for a robot: a digital twin in real time on CRTK's topics and RAVEN-II's."""
     from truejoint.crtk.server import ArmServer
 
     made = options.make_twin(robot, parameters=twin, seed=seed, load=load_grams / 1e3)
@@ -107,7 +107,7 @@ def record(
     metadata: list[str] | None = None,
     force: bool = False,
 ) -> None:
-    """Record what an arm reports while others move it; it is only looked at."""
+    """Record what an arm reports while others move it; no command is sent."""
     check_target(output, overwrite=force)
     about: dict[str, Any] = {"session": output.stem, "load": math.nan}
     about |= as_provenance(parse_metadata(metadata))

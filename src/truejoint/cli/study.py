@@ -29,7 +29,7 @@ def study(
 ) -> Result:
     """Make the tables and figures of an experiment, beside the paper's numbers.
 
-    Parts are kept as they are done: the same command goes on where it was stopped.
+    Finished parts are kept: the same command continues where it was stopped.
     """
     if name is None:
         return _listed()

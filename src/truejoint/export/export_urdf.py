@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.errors import ExportError, unknown, words
 from truejoint.estimators.family import evaluate
@@ -25,15 +26,17 @@ def export_urdf(
     urdf: str | os.PathLike[str],
     path: str | os.PathLike[str],
     *,
+    scale: bool = False,
     overwrite: bool = False,
 ) -> tuple[dict[str, float], str]:
     """Write a URDF anew with each joint's fixed offset in its origin, and say what that leaves out.
 
     At reported positions its tool then errs as with the ``offset`` baseline. A joint is called as
-    the calibration's, or ends in ``_`` and that name; all else stays. Gives the offset of each
-    joint [rad or m], and in words what of the calibration a URDF cannot hold. Raises ExportError if
-    the file is no URDF, lacks a joint, or has it of another type or in a mimic; and if the offsets
-    say little of the errors.
+    the calibration's, or ends in ``_`` and that name; all else stays. With `scale` a joint
+    ``<name>_scale`` behind each one mimics it and adds its scale; a reader that knows no mimic
+    leaves that at 0. Gives the offset of each joint [rad or m], and in words what of the
+    calibration the URDF does not hold. Raises ExportError if the file is no URDF, lacks a joint, or
+    has it of another type or in a mimic; and if the offsets say little of the errors.
 
     Examples
     --------
@@ -45,12 +48,14 @@ def export_urdf(
     """
     calibration, path = as_calibration(calibration), Path(path)
     check_ending(path, ".urdf", "a URDF", ExportError)
-    offsets, left_out = _linear_part(calibration)
+    offsets, scales, left_out = _linear_part(calibration, scale)
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))  # noqa: S314
     try:  # without entities
         root = ET.fromstring(urdf_bytes(Path(urdf), ExportError).decode(), parser)  # noqa: S314
         for joint, offset in offsets.items():
-            _shift(root, joint, calibration.machine.joint(joint).kind, offset)
+            element = _shift(root, joint, calibration.machine.joint(joint).kind, offset)
+            if scale:
+                _follow(root, element, *scales[joint])
     except (ET.ParseError, ValueError) as error:
         raise ExportError(f"{urdf}: cannot be read as a URDF ({words(error, 120)})") from None
     except LookupError as error:
@@ -62,42 +67,42 @@ def export_urdf(
     return offsets, left_out
 
 
-def _linear_part(calibration: Calibration) -> tuple[dict[str, float], str]:
-    """Give the fixed offset of each joint [rad or m], and what of the calibration it is not."""
-    joints, names = calibration.joints, calibration.feature_set.names
-    half = (calibration.upper - calibration.lower) / 2
-    middle = calibration.lower + half
+def _linear_part(
+    calibration: Calibration, scale: bool
+) -> tuple[dict[str, float], dict[str, Sequence[float]], str]:
+    """Give each joint's offset [rad or m], its scale and about which position, and what is left.
 
-    def baseline(name: str, X: Array) -> Array:
-        model = calibration.baselines[name]
-        memory = model.family.memory(model.fitted, len(names), len(joints))
-        steps = np.zeros(len(X))
-        return evaluate(model.family, memory, X, steps, len(joints)) + model.output_shift
-
-    offset, domain = baseline("offset", middle[None])[0], calibration.training_domain
+    A scale is the slope of truth over measured in the training, less 1.
+    """
+    joints, n_features = calibration.joints, len(calibration.feature_set.names)
+    model, domain = calibration.baselines["offset"], calibration.training_domain
+    memory, row = model.family.memory(model.fitted, n_features, len(joints)), np.zeros(n_features)
+    error = evaluate(model.family, memory, row[None], np.zeros(1), len(joints))[0]
+    offset = error + model.output_shift
     largest = 0.0 if domain is None else np.maximum(-domain.error_lower, domain.error_upper)
-    if (np.abs(offset) < _LEAST * largest).all():
+    if not scale and (np.abs(offset) < _LEAST * largest).all():
         raise ExportError(
             f"fixed offsets are below {100 * _LEAST:g} % of the errors in training of "
             f"{', '.join(joints)}, and a URDF holds nothing else; correct by the model itself"
         )
-    parts, measured = [], [f"measured/{joint}" for joint in joints]
-    if "linear" in calibration.baselines and {*measured} <= {*names}:
-        columns = [names.index(name) for name in measured]
-        up, down = (baseline("linear", middle + s * np.diag(half)) for s in (1.0, -1.0))
-        scales = np.diag((up - down)[columns]) / (2.0 * half[columns])
-        percents = [f"{j} {100 * s:+.1f} %" for j, s in zip(joints, scales, strict=True)]
-        parts.append(f"scale ({', '.join(percents)})")
+    scales = {}
+    for joint in joints:
+        conditions = [c for s in calibration.origin.sessions for c in s.conditions]
+        rows = [(c.slope - 1.0, c.middle, c.range) for c in conditions if c.joint == joint]
+        told = np.array([row for row in rows if np.isfinite(row).all()] or [(0.0, 0.0, 1.0)])
+        scales[joint] = np.average(told[:, :2], axis=0, weights=told[:, 2]).tolist()
+    percents = ", ".join(f"{joint} {100 * each:+.1f} %" for joint, (each, _) in scales.items())
+    parts = [] if scale else [f"scale ({percents})"]
     signals = calibration.feature_set.signals
     parts += ["coupling of joints"] if len(joints) > 1 else []
     parts += ["effort"] if any(name.startswith("effort/") for name in signals) else []
     parts += ["history"] if calibration.looks_back else []
     parts += ["curvature"] if calibration.estimator not in ("offset", "linear") else []
-    return dict(zip(joints, offset.tolist(), strict=True)), ", ".join(parts)
+    return dict(zip(joints, offset.tolist(), strict=True)), scales, ", ".join(parts)
 
 
-def _shift(root: ET.Element, joint: str, kind: str, offset: float) -> None:
-    """Add an offset [rad or m] to a joint's origin; raises LookupError where it cannot be."""
+def _shift(root: ET.Element, joint: str, kind: str, offset: float) -> ET.Element:
+    """Add an offset [rad or m] to a joint's origin, and give it; else raises LookupError."""
     joints = {str(each.get("name")): each for each in root.iter("joint") if each.get("type")}
     alike = [n for n in joints if n == joint] or [n for n in joints if n.endswith(f"_{joint}")]
     if len(alike) != 1:
@@ -124,3 +129,20 @@ def _shift(root: ET.Element, joint: str, kind: str, offset: float) -> None:
         turn = turn * Rotation.from_rotvec(z)
     for key, values in (("xyz", xyz), ("rpy", turn.as_euler("xyz"))):
         origin.set(key, " ".join(f"{value:.15g}" for value in values))
+    return element
+
+
+def _follow(root: ET.Element, joint: ET.Element, scale: float, middle: float) -> None:
+    """Put a joint behind another, that turns by `scale` of how far that is from `middle`."""
+    name, link, behind = f"{joint.get('name')}", f"{joint.get('name')}_unscaled", deepcopy(joint)
+    behind.set("name", f"{name}_scale")
+    for each in [each for each in behind if each.tag not in ("child", "axis", "limit")]:
+        behind.remove(each)
+    for limit in behind.iter("limit"):
+        ends = (scale * (float(limit.get(key, "0")) - middle) for key in ("lower", "upper"))
+        limit.attrib.update(zip(("lower", "upper"), map(str, sorted(ends)), strict=True))
+    for child in joint.iter("child"):
+        child.set("link", link)
+    ET.SubElement(behind, "parent", link=link)
+    ET.SubElement(behind, "mimic", joint=name, multiplier=f"{scale}", offset=f"{-scale * middle}")
+    root.extend([ET.Element("link", name=link), behind])
