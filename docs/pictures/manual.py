@@ -300,24 +300,24 @@ def table_1() -> Any:
 
 
 def rezeroed() -> Any:
-    """Draw the elbow's error after another homing, before and after ten seconds of truth."""
-    model = truejoint.calibrate(training(), "linear")
-    arm = twin()
-    arm.home()
-    test = recorded(random_motion(arm.robot, 60.0, seed=9))
-    today = model.at(truejoint.calibration.find_zero(model, test.rows(test.t < test.t[0] + 10.0)))
+    """Draw the elbow's error after the demo's new homing, before and after ten seconds of truth."""
+    demo = PAGES.parent / "demo"
+    model = truejoint.read_calibration(demo / "left_arm.safetensors")
+    morning = truejoint.read_recording(demo / "new_homing.parquet")
+    t = morning.t - morning.t[0]
+    today = model.at(truejoint.calibration.find_zero(model, morning.rows(t < 10.0)))
     figure, axes = panels()
-    axis, joint = axes[0, 0], list(model.joints).index(ELBOW)
-    t = test.t - test.t[0]
+    axis, joint, shown = axes[0, 0], list(model.joints).index(ELBOW), t < 60.0
     for each, colour, label in (
         (model, MEASURED, "as calibrated"),
         (today, CORRECTED, "re-zeroed"),
     ):
-        error = each.correct(test)[:, joint] - test[f"truth/{ELBOW}"]
-        axis.plot(t, np.degrees(error), color=colour, lw=1.2, label=label)
+        error = each.correct(morning)[:, joint] - morning[f"truth/{ELBOW}"]
+        axis.plot(t[shown], np.degrees(error[shown]), color=colour, lw=1.2, label=label)
     axis.axhline(0.0, color=TRUE, lw=0.8, ls=":")
     axis.axvspan(0.0, 10.0, color="#f3e6dc", zorder=0)
-    axis.text(5.0, 0.7, "truth", ha="center", va="top", color=MEASURED)
+    above = axis.get_xaxis_transform()
+    axis.text(5.0, 0.97, "truth", ha="center", va="top", color=MEASURED, transform=above)
     axis.set(xlabel="time [s]", ylabel="error of the elbow [deg]")
     axis.legend(frameon=False, loc="lower left", ncols=2, bbox_to_anchor=(0.0, 1.0))
     return figure
