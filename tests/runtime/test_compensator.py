@@ -273,6 +273,17 @@ def test_the_gain_comes_back_slowly_after_a_fall_back():
     assert path[-1] - path[first - 1] > 0.5 * 0.02 * 1.5
 
 
+def test_messages_that_come_again_are_no_doubt():
+    """A robot that reports more seldom than the loop steps; a corrector calls these OK."""
+    told = Told(-0.05)
+    compensator = Compensator(told, FORCEPS, rate=250.0, lag=LAG)
+    for k in range(600):
+        told.correction = np.array([np.nan if k % 4 else -0.05])
+        compensator.step(k / 250.0, [0.0], [1e-6 * k])
+    assert not compensator.falls_back
+    assert compensator.lost == pytest.approx([-0.05])
+
+
 @pytest.mark.parametrize(("status", "speed", "falls"), [
     (Status.FROZEN, 0.0, False), (Status.FROZEN, 1e-6, True), (Status.SPIKE, 0.0, True),
     (Status.FROZEN | Status.OUT_OF_RANGE, 0.0, True),

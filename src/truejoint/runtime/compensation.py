@@ -61,7 +61,8 @@ def compensate(numbers: Integers, memory: Array) -> None:
                 fed_back = feed_back(numbers, memory, k, known, before, goal)
             ahead = goal + m.lead * (goal - before) + fed_back
             go_on(numbers, memory, k, before, goal, ahead)
-    if believed or moves or (m.status & m.doubted) != m.still:
+    # A message that came again, which is OK without a correction, tells nothing.
+    if believed or (m.status != 0 and (moves or (m.status & m.doubted) != m.still)):
         judge(numbers, memory, 1.0 if believed else 0.0)
 
 
