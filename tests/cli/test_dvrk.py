@@ -122,9 +122,11 @@ def test_a_simulator_in_c_reports_as_in_python(call, session, tmp_path):
     run = today.with_truth(model.joints).rows(slice(200))
     true = np.ascontiguousarray(run.columns("truth", model.joints))
     stepping = truejoint.runtime.ErrorModel(model, seed=5)
-    python = np.array([stepping.step(t, row) for t, row in zip(run.t, true, strict=True)])
+    stamps = run.t.copy()
+    stamps[50] = np.nan
+    python = np.array([stepping.step(t, row) for t, row in zip(stamps, true, strict=True)])
     normal, out = np.random.default_rng(5).standard_normal(true.shape), np.empty_like(true)
-    at = [values.ctypes.data_as(ctypes.c_void_p) for values in (run.t.copy(), true, normal, out)]
+    at = [values.ctypes.data_as(ctypes.c_void_p) for values in (stamps, true, normal, out)]
     ctypes.CDLL(str(folder / "psm.so")).report(len(true), *at)
     np.testing.assert_allclose(out, python, rtol=0, atol=1e-12)
 

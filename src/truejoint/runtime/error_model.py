@@ -62,7 +62,7 @@ class ErrorModel:
         if np.isfinite(self._corrector.correction).all():
             self._error = self._corrector.correction.copy()
         if self._noisy:
-            keep = np.exp(-max(t - self._t, 0.0) / self._time)
+            keep = np.exp(-np.fmax(t - self._t, 0.0) / self._time)  # of a stamp that is NaN all
             fresh = self._size * self._rng.standard_normal(len(keep))
             self._noise, self._t = keep * self._noise + np.sqrt(1.0 - keep * keep) * fresh, t
         return np.asarray(position + self._error + self._noise)
