@@ -18,7 +18,7 @@ MAIN = """
 #include <fstream>
 #include <iostream>
 #include "left_joints.hpp"
-struct State { std::vector<double> position, velocity, effort; };
+struct State { std::vector<std::string> name; std::vector<double> position, velocity, effort; };
 int main() {
   std::ifstream rows("rows.txt");
   JointCorrector corrector;
@@ -33,6 +33,10 @@ int main() {
     corrector.Correct(in, t, &out, &width);
     std::cout << corrector.Unlearnt() << std::endl;
   }
+  in.name = {"gold_shoulder", "elbow"};
+  const int good = corrector.Correct(in, 1e3, &out, &width);
+  in.name = {"elbow", "shoulder"};
+  std::cout << (good < 0) << corrector.Correct(in, 1e3, &out, &width) << std::endl;
 }
 """
 
@@ -62,7 +66,7 @@ def test_each_signal_is_taken_from_its_place_in_a_joint_state(tmp_path):
 
 @needs_compiler
 @pytest.mark.skipif(CPP is None, reason="no C++ compiler on this machine")
-def test_a_package_says_how_the_motion_is_unlike_the_trainings(tmp_path):
+def test_a_package_says_how_the_motion_is_unlike_the_trainings_and_reads_names(tmp_path):
     recording = build_recording(900)
     model = truejoint.calibrate(recording, "linear", features=["measured/elbow", "effort/elbow"])
     export_ros(model, tmp_path, prefix="left")
@@ -79,7 +83,8 @@ def test_a_package_says_how_the_motion_is_unlike_the_trainings(tmp_path):
     subprocess.run(link, check=True, cwd=tmp_path)  # noqa: S603  # our own
     said = subprocess.check_output([tmp_path / "run"], text=True, cwd=tmp_path).splitlines()  # noqa: S603  # our own
     assert said[0] == ""
-    assert "the arm moves slower than in training" in said[-1]
+    assert "the arm moves slower than in training" in said[-2]
+    assert said[-1] == "0-1"
     assert "if (!unlearnt.empty())" in (tmp_path / "left_ros1.cpp").read_text()
 
 

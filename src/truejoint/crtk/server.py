@@ -87,7 +87,7 @@ class ArmServer:
         self._closed = threading.Event()
         self._move: Motion | None = None
         self._top = np.array([joint.max_speed for joint in arm.robot.joints])
-        self._follower = SetpointFollower(arm, partial(self._warn, "servo"))
+        self._follower = SetpointFollower(arm, self._warn)
         self._commanding = threading.Lock()
         self._newest: dict[str, float] = {}  # stamp of the newest set-point by command [s]
         self._warned: dict[str, float] = {}  # when, by line without numbers [s]
@@ -258,6 +258,10 @@ class ArmServer:
         """Set-point (n_joints,) [rad or m] that a message of joints asks for."""
         robot, command = self._arm.robot, name.removeprefix(_JAW)
         values = np.array(message.velocity if command == "servo_jv" else message.position)
+        named = [self._profile.joint(each) for each in message.name]
+        if sorted(named) == sorted(robot.joint_names) and tuple(named) != robot.joint_names:
+            order = ", ".join(robot.joint_names)
+            raise CommandRefused(f"{name} refused: values go by their place, for {order}")
         is_relative = command in (*_RELATIVE, "move_jr")
         rest = np.zeros_like(goal) if is_relative else goal.copy()
         if name != command:  # the opening, which is the sum of what its jaws turn by
@@ -290,7 +294,8 @@ class ArmServer:
 
         def carry_out() -> None:
             try:
-                if message.string.endswith("home"):  # not a stream's last moments are in its way
+                # A stream's last moments are not in its way.
+                if message.string in ("home", "unhome"):
                     self._follower.stop()
                 self._arm.state_command(message.string)
             except TruejointError as refusal:
@@ -375,10 +380,8 @@ class ArmServer:
                 joint = block.measured[0, robot.joint_channels]
                 rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
                 made.publish(self._array(rows))
-            elif self._kinds[name] == _WRENCH:
-                made.publish(
-                    self._transport.message(_WRENCH)
-                )  # no twin knows it: stamp 0, not valid
+            elif self._kinds[name] == _WRENCH:  # no twin knows it: stamp 0, not valid
+                made.publish(self._transport.message(_WRENCH))
             elif name == "ravenstate":
                 state = self._arm.operating_state()
                 level = "pedal down" if state.is_ready else "pedal up"

@@ -46,10 +46,10 @@ class SetpointFollower:
     straight line of the joints. A newer one takes its place at once: none is queued. If others were
     passed over for it, it takes nearly the time that its stamp says, up to 40 ms: a link that
     jitters changes no speed. The motion ends once the newest is reached and no other comes within
-    `LAPSE`. `say` is called with a line where the arm cannot keep up.
+    `LAPSE`. `say` is called with the command and a line where the arm cannot keep up.
     """
 
-    def __init__(self, arm: Arm, say: Callable[[str], None]) -> None:
+    def __init__(self, arm: Arm, say: Callable[[str, str], None]) -> None:
         self._arm, self._say = arm, say
         self._step = np.array([joint.max_speed for joint in arm.robot.joints]) / arm.rate
         self._asked = threading.Condition()  # of the stream
@@ -116,9 +116,9 @@ class SetpointFollower:
                 if periods > most and not stream.is_limited:
                     stream.is_limited = True
                     self._say(
-                        f"{command}: a set-point is further away than the joints can go in a "
-                        "period; the arm goes there at top speed"
-                    )
+                        command, "a set-point is further away than the joints can go in a period; "
+                        "the arm goes there at top speed",
+                    )  # fmt: skip
                 t = max(t, stamp - _BURST)
                 periods = max(periods, round(_HASTE * (stamp - t) * rate))
                 sent = min(periods, most)

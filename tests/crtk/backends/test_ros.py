@@ -18,7 +18,7 @@ from tests.local_ros import LocalRos
 from truejoint.crtk import Arm, PacedBackend, StateBlock, cartesian
 from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.messages import JOINT_STATE
+from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED
 from truejoint.crtk.server import ArmServer, matrix_of
 from truejoint.crtk.setpoint_follower import SetpointFollower, _Stream
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
@@ -621,11 +621,13 @@ def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served
     served.arm.subscribe(lambda block: steps.append(block.setpoint[:, 0]))
     with caplog.at_level(logging.WARNING):
         served.say("servo_jp", position=(ROBOT.home + 0.1 * SHOULDER).tolist())
+        served.say("state_command", STRING_STAMPED, string="go_home")  # which stops nothing
         at_rest(served, ROBOT.home + 0.1 * SHOULDER)
     most = np.abs(np.diff(np.concatenate(steps))).max()
     assert most == pytest.approx(ROBOT.joints[0].max_speed / served.arm.rate, rel=0.05)
-    assert "the arm goes there at top speed" in caplog.text
-    assert len(caplog.records) == 1
+    far, unknown = sorted(caplog.messages)
+    assert far.startswith("/arm1/servo_jp: a set-point is further away than the joints can go")
+    assert unknown.startswith("/arm1/state_command: state command 'go_home' refused: unknown")
 
 
 def test_servo_and_move_pre_empt_each_other(served, arm):
@@ -674,6 +676,18 @@ def test_commands_that_are_refused_change_nothing(served, arm, caplog):
         assert text.startswith(f"/arm1/{name}: ")
         assert why in text
     assert arm.operating_state().state == "ENABLED"
+
+
+@pytest.mark.parametrize("prefix", ["", "gold_"])
+def test_a_set_point_whose_joints_stand_in_another_order_is_refused(served, arm, caplog, prefix):
+    message = served.ros.stamped(JOINT_STATE, served.ros.now())
+    message.position = (ROBOT.home + 1e-4 * SHOULDER).tolist()
+    for order in (slice(None), slice(None, None, -1)):
+        message.name = [prefix + name for name in JOINTS[order]]
+        with caplog.at_level(logging.WARNING):
+            served.ros.send("/arm1/servo_jp", message)
+        assert len(caplog.messages) == (order.step is not None)
+    assert "servo_jp refused: values go by their place, for shoulder, elbow" in caplog.text
 
 
 def test_the_jaws_have_topics_of_their_own(served, arm):

@@ -430,11 +430,8 @@ class RosBackend:
         ):
             self._astray = t, setpoint
 
-    def _is_on_way(self, setpoint: Array) -> bool:
-        """Whether it is one of those sent, or between them, within the tolerance."""
-        return self._is_among([row for _, row in tuple(self._in_flight)], setpoint)
-
     def _is_among(self, rows: Sequence[Array], setpoint: Array) -> bool:
+        """Whether it is one of the `rows`, or between them, within the tolerance."""
         nearest = np.clip(setpoint, np.min(rows, axis=0), np.max(rows, axis=0))
         return bool((np.abs(setpoint - nearest) <= self._near).all())
 
@@ -488,7 +485,8 @@ class RosBackend:
         now, (begin, end), state = time.monotonic(), self._settling, self._state
         if not (begin < now < end and self._in_flight and now - self._trimmed >= self.grain):
             return
-        if not self._is_on_way(setpoint):  # others move the arm now
+        if not self._is_among([row for _, row in tuple(self._in_flight)], setpoint):
+            # Others move the arm now.
             self._settling = math.inf, -math.inf
             return
         # Joints of before the last set-point was taken would be trimmed twice on a slow link.
