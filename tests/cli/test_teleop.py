@@ -1,5 +1,6 @@
 """Tests of `truejoint teleop`, over a real pseudo-terminal."""
 
+import math
 import os
 import pty
 import select
@@ -7,7 +8,15 @@ import signal
 import subprocess
 import sys
 import termios
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
 
+import pytest
+
+from truejoint.cli import teleop
+from truejoint.crtk import Motion
+from truejoint.errors import MotionStopped
 from truejoint.recordings import read_parquet
 
 LIMIT = 120.0  # [s] in which a terminal shows what it is to show
@@ -62,6 +71,15 @@ class Terminal:
         assert termios.tcgetattr(self.theirs) == self.before
         self.type("\n")
         return shown
+
+
+def test_an_arm_that_ends_it_says_why(monkeypatch):
+    motion = Motion("jog", math.inf, print)
+    motion.ended(motion.stopped("PAUSED", 2.0))
+    monkeypatch.setattr(teleop, "_raw_terminal", lambda: nullcontext(None))
+    operator: Any = SimpleNamespace(is_over=False, jog=SimpleNamespace(motion=motion))
+    with pytest.raises(MotionStopped, match=r"^jog stopped at t = 2.000 s: PAUSED$"):
+        teleop._from_terminal(operator)
 
 
 def test_keys_move_the_arm_and_however_it_ends_the_terminal_is_restored(tmp_path):

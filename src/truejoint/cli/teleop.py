@@ -96,6 +96,8 @@ def _from_terminal(operator: "Teleoperation") -> int:
             if now - drawn > _REDRAW:
                 live.update(_picture(operator), refresh=True)
                 drawn = now
+    if not operator.is_over:  # the arm has ended it, and says why
+        operator.jog.motion.wait()
     return count
 
 

@@ -1,5 +1,6 @@
 """What an arm hands out and keeps: a motion under way, and who hears of its blocks."""
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -89,9 +90,8 @@ class Motion:
 
     def stopped(self, why: str, t: float) -> MotionStopped:
         """Error that says that, when and how far along it was stopped."""
-        return MotionStopped(
-            f"{self.command} stopped at t = {t:.3f} s, {self.progress:.0%} done: {why}"
-        )
+        done = f", {self.progress:.0%} done" if math.isfinite(self.duration) else ""
+        return MotionStopped(f"{self.command} stopped at t = {t:.3f} s{done}: {why}")
 
 
 @dataclass(eq=False)
