@@ -253,6 +253,26 @@ def test_a_callback_that_fails_and_bytes_of_malice_are_logged_and_the_rest_heard
     assert "/a: a message could not be dealt with" in caplog.text
 
 
+def test_a_node_that_is_closed_amid_its_messages_logs_nothing(nodes, caplog, monkeypatch):
+    first, second = nodes
+    begun, go_on = threading.Event(), threading.Event()
+
+    def receive(_):
+        begun.set()
+        go_on.wait(LONG)
+
+    second.subscribe("/a", JOINT_STATE, receive)
+    out = first.publisher("/a", JOINT_STATE)
+    for _ in range(30):
+        out.publish(first.message(JOINT_STATE))
+    assert begun.wait(LONG)
+    monkeypatch.setattr(second._thread, "join", lambda _: None)  # as if a second had passed
+    second.close()
+    go_on.set()
+    threading.Thread.join(second._thread)
+    assert caplog.messages == []
+
+
 def test_a_service_is_answered_as_clients_on_cyclone_ask(nodes):
     first, second = nodes
 

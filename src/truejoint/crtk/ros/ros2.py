@@ -174,6 +174,8 @@ class Ros2:
         self._wake.set(True)
         if threading.current_thread() is not self._thread:
             self._thread.join(1.0)
+        for subscription in self._subscriptions:  # a thread that is late hears no more
+            subscription.detach(self._waits)
         _end(self._participant)
 
     def _endpoint(
