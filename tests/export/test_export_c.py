@@ -2,6 +2,7 @@
 
 import math
 import re
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.runtime.streams import faulty, ready
 
+import truejoint
 from truejoint.errors import ExportError, ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
 from truejoint.export.export_c import check_prefix, comment, export_c, table
 from truejoint.runtime import Status, Unlearnt
 
 from .export_models import PLAIN, calibration, recording
-from .library import expected, exported, needs_compiler
+from .library import STRICT, compile_c, expected, exported, needs_compiler
 
 OPERATIONS = (
     "{}", "lag({}, 1)", "lag({}, 7)", "lowpass({}, 0.05)", "rate({}, 0.1)", "play({}, 0.02)",
@@ -58,6 +60,39 @@ def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, pr
     domain = replace(model.training_domain, error_lower=lower, error_upper=upper)
     with pytest.raises(ExportError, match=said):
         export_c(replace(model, training_domain=domain), tmp_path, precision=precision)
+
+
+REPORT = """
+#include <stdio.h>
+#include "m_error_model.h"
+int main(void)
+{
+    static m_error_model model;
+    const double at[1] = {0.2};
+    double reported[1];
+    m_error_model_init(&model);
+    m_report(&model, 0.0, at, NULL, reported);
+    printf("%.9f", reported[0]);
+    return 0;
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_an_error_model_reports_in_either_precision(tmp_path, precision):
+    t = 0.02 * np.arange(1500)
+    position = 0.4 * np.sin(0.5 * t) + 0.3 * np.sin(1.3 * t)
+    columns = {"t": t, "measured/jaw": position, "truth/jaw": 0.98 * position + 0.01}
+    recorded = truejoint.Recording.from_columns(columns, "davinci_grasper")
+    learnt = truejoint.calibration.learn_error_model(recorded, "linear")
+    export_c(learnt, tmp_path, prefix="m", precision=precision)
+    (tmp_path / "main.c").write_text(REPORT)
+    sources = [tmp_path / "main.c", tmp_path / "m.c"]
+    compile_c(sources, tmp_path / "run", "-std=c99", *STRICT, "-O1")
+    said = subprocess.check_output([tmp_path / "run"], text=True)  # noqa: S603  # our own
+    python = truejoint.runtime.ErrorModel(learnt, noisy=False).step(0.0, [0.2])
+    assert float(said) == pytest.approx(python[0], abs=1e-6)
 
 
 def test_vectors_hold_every_status_and_the_header_explains_them(tmp_path):
