@@ -11,7 +11,7 @@ from tests.recordings.refusals import refused
 
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.recordings import Recorder, read_recording
-from truejoint.recordings.recorder import PAST_END, Decimator, _joined
+from truejoint.recordings.recorder import PAST_END, REHOMED, Decimator, _joined
 from truejoint.recordings.table.stream import AFTER, BACK, Stream
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
@@ -226,6 +226,20 @@ def test_records_the_simulated_arm():
     assert recording.joints_of("truth") == arm.robot.positioning
     # Within the coarse bounds of an arm that is not calibrated.
     assert (np.abs(recording.with_truth(arm.robot.positioning).error(["shoulder"])) < 0.3).all()
+
+
+@pytest.mark.parametrize("first", ["", "homed at 1.000"])
+def test_a_recording_is_of_one_homing_that_of_its_first_row(arm, caplog, first):
+    with Recorder(arm, state_rate=math.inf) as recorder:
+        arm.homing_id = first  # while it was waited for
+        arm.state(np.arange(0, 50) * 1e-3)
+        arm.homing_id = "homed at 60.000"
+        for start in (60.0, 61.0):
+            arm.state(start + np.arange(0, 50) * 1e-3)
+    recording = recorder.recording()
+    assert (len(recording), recording.provenance.homing_id) == (50, first)
+    assert recording.provenance.dropped == {REHOMED: 100}
+    assert caplog.messages == ["the arm was homed again: record what follows by itself"]
 
 
 def test_a_forceps_is_recorded_with_all_that_its_twin_reads():

@@ -1,5 +1,6 @@
 """Recording what an arm reports while it moves."""
 
+import logging
 import math
 import os
 import threading
@@ -24,6 +25,8 @@ _STREAMS: Final = stream_file.STATE, stream_file.TRUTH
 LONGEST: Final = 12 * 3600.0
 """Rows later than this after the first [s] are counted and not kept."""
 PAST_END: Final = "state: past the longest duration"
+REHOMED: Final = "state: after another homing"
+_log = logging.getLogger(__name__)
 
 
 class TruthSource(Protocol):
@@ -72,7 +75,8 @@ class Recorder:
     of motion at any rate of the arm, for 12 h at most. With a `path` it is written meanwhile, as
     often as the arm's `stretch` says, to ``<name>.unfinished.stream``, which any command reads.
     There it stays if the block is left by an exception or by Ctrl-C, if the program is killed, or
-    where `path` cannot be written at the end; no whole recording is replaced.
+    where `path` cannot be written at the end; no whole recording is replaced. Rows after another
+    homing, whose zero is another, are counted and not kept.
 
     Parameters
     ----------
@@ -125,8 +129,6 @@ class Recorder:
         if self.path is not None:
             check_ending(Path(self.path), ".parquet", "a recording", RecordingError)
             check_target(Path(self.path), overwrite=self.overwrite, error=RecordingError)
-        if self.homing_id is None:
-            self.homing_id = self.arm.homing_id
         self._clear()
 
     def __enter__(self) -> Self:
@@ -174,14 +176,15 @@ class Recorder:
             self._provenance(),
             source=source or f"recorded from {self.arm.robot.title}",
             notes=self._stopped,
-            dropped={PAST_END: self._past_end},
+            dropped={PAST_END: self._past_end, REHOMED: self._rehomed},
         )
         state, truth = (_joined(self._pieces[name]) for name in _STREAMS)
         robot, limit = self.arm.robot, self.gap_limit
         return stream_file.recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
 
     def _provenance(self) -> Provenance:
-        robot, homing = self.arm.robot, self.homing_id or ""
+        robot, names = self.arm.robot, (self.homing_id, self._homing, self.arm.homing_id)
+        homing = next(name for name in names if name is not None)
         origin = Provenance(robot.name, robot.arm, session=self.session, homing_id=homing)
         return replace(origin, load=self.load, command=self.command)
 
@@ -204,7 +207,8 @@ class Recorder:
         self._decimator = Decimator(self.state_rate)
         self._pieces: dict[str, list[Stream]] = {name: [] for name in _STREAMS}
         self._first = math.nan
-        self._past_end = 0
+        self._homing: str | None = None  # of the first row
+        self._past_end = self._rehomed = 0
         self._stopped = ""
 
     def _from_arm(self, block: StateBlock | TruthBlock) -> None:
@@ -212,7 +216,12 @@ class Recorder:
         if isinstance(block, StateBlock):
             kept = block.rows(self._decimator.pick(block.t))
             if math.isnan(self._first) and kept.t.size:
-                self._first = float(kept.t[0])
+                self._first, self._homing = float(kept.t[0]), self.arm.homing_id
+            if kept.t.size and self.arm.homing_id != self._homing:
+                if not self._rehomed:
+                    _log.warning("the arm was homed again: record what follows by itself")
+                self._rehomed += len(kept.t)
+                return
             self._past_end += int(self._is_late(kept.t).sum())
             self._keep(stream_file.STATE, Stream(kept.t, kept.columns()))
         elif self.truth is None:
