@@ -7,6 +7,7 @@ import socket
 import sys
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,6 +66,9 @@ def test_numbers_follow_the_arm(page, lagging_arm):
     for _ in range(3):
         page._frame()
     assert len(page._page.samples) == 2  # nothing new was reported
+    lost = replace(shown, reported=np.full_like(shown.reported, np.nan))
+    page._page.show(lost, Condition("ENABLED"))
+    assert not any(body._tubes.visible for body in page._page._bodies.values())
 
 
 def test_the_buttons_pause_and_resume_the_arm(page, lagging_arm):

@@ -42,6 +42,8 @@ def test_a_pose_takes_reported_joints_where_no_sensor_is_and_needs_them_all():
     assert found["truth"][:3] == pytest.approx(robot.home[:3] + 0.1)
     assert found["truth"][3:] == pytest.approx(robot.home[3:])
     assert poses(replace(samples, joints=samples.joints[:3]), robot) == {}
+    unknown = np.where(np.arange(len(robot.joints)) == 4, np.inf, samples.reported)
+    assert poses(replace(samples, reported=unknown), robot) == {}
 
 
 def test_plots_are_in_the_units_of_a_reader(samples):

@@ -185,17 +185,16 @@ class Page:
 
     def _draw(self, samples: Samples, is_fresh: bool) -> None:
         poses = panels.poses(samples, self._robot) if self._drawing is not None else {}
-        if self._drawing is None or not poses:
-            return
-        drawing = self._drawing.at(list(poses.values()))
-        positions, wxyz, scales = drawing.cylinders()
-        if new := [name for name in poses if name not in self._bodies]:
-            self._bodies |= {name: _Body(self._server.scene, name, drawing) for name in new}
-            shown = [name for name in panels.POSES if name in self._bodies]
-            colours = [(panels.TITLES[name], panels.COLOURS[name]) for name in shown]
-            self._legend.content = panels.filled("legend", colours)
-        for k, name in enumerate(poses):
-            self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
+        if self._drawing is not None and poses:
+            drawing = self._drawing.at(list(poses.values()))
+            positions, wxyz, scales = drawing.cylinders()
+            if new := [name for name in poses if name not in self._bodies]:
+                self._bodies |= {name: _Body(self._server.scene, name, drawing) for name in new}
+                shown = [name for name in panels.POSES if name in self._bodies]
+                colours = [(panels.TITLES[name], panels.COLOURS[name]) for name in shown]
+                self._legend.content = panels.filled("legend", colours)
+            for k, name in enumerate(poses):
+                self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
         for name, body in self._bodies.items():
             body.show(name in poses, is_fresh)
 

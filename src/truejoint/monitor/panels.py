@@ -38,9 +38,9 @@ def poses(samples: Samples, robot: Robot) -> dict[str, Array]:
     A joint that is not corrected, or has no sensor, stands where it is reported. What is known of
     no joint is left out; without the reported position of every joint there is no pose at all.
     """
-    if samples.joints != robot.joint_names:
-        return {}
     reported, shown = samples.reported[-1], {}
+    if samples.joints != robot.joint_names or not np.isfinite(reported).all():
+        return {}
     for name in POSES:
         values = getattr(samples, name)[-1]
         if np.isfinite(values).any():
