@@ -113,6 +113,8 @@ def test_a_robots_file_is_joined_with_that_of_its_sensors(call):
     assert np.abs(joined.column("truth/jaw") - table["truth/jaw"]).max() < 0.01
     stated = call(f"{line} --force --offset-s 7.25")
     assert "7.25 s behind (as stated)" in " ".join(stated.out.split())
+    of_columns = "extract robot.csv --truth encoder.csv --truth-columns map.toml -o rig.parquet"
+    assert call.json(of_columns)["offset"]["seconds"] == pytest.approx(7.25, abs=0.01)
     call.refuses("give one of the two", f"{line} --force --offset-s 7 --near-s 7")
     call.refuses("--force", line)
 
@@ -125,5 +127,6 @@ def test_a_map_is_written_to_start_from(call):
     call.good(f"{line} -o map.toml")
     assert Path("map.toml").read_text() == printed
     call.refuses("--force", f"{line} -o map.toml")
+    assert "good unit" in call("doctor run.csv --columns map.toml").out
     (shown,) = call.json("show run.csv --columns map.toml")["shown"]
     assert [c["column"] for c in shown["columns"]] == ["measured/jaw", "effort/jaw", "truth/jaw"]

@@ -44,6 +44,7 @@ AT_ONCE = {
         ("-o m.onnx", "call it m.safetensors"),
         ("-o model.csv", "call it model.safetensors"),
         ("-o m.st", "--force"),
+        ("--fit-rate-hz 0", "greater than or equal to 0.000000001"),
         ("-e", "Option '-e' requires an argument. See `truejoint calibrate --help`."),
         ("-o nosuch/m.st", "the folder nosuch does not exist"),
     ],

@@ -9,6 +9,7 @@ from truejoint.cli import options
 from truejoint.cli.console import out, progress, say
 from truejoint.cli.node import as_node, wait
 from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files
 from truejoint.errors import RecordingError
 
 _COLOURS = {"good": "green", "info": "", "warn": "yellow", "fail": "red"}
@@ -19,6 +20,7 @@ _DURATION_S: Final = 10.0
 def doctor(
     files: list[Path],
     robot: str | None = None,
+    columns: Path | None = None,
     profile: str = "",
     state: str = "",
     truth: str = "",
@@ -31,11 +33,11 @@ def doctor(
     sets = truejoint.recordings
     name, arm = options.robot_and_arm(robot or "")
     wiring = {"profile": profile, "state": state, "truth": truth}
-    if files == [Path(_LIVE)] and not files[0].exists():
+    if files == [Path(_LIVE)] and not (columns or files[0].exists()):
         diagnosis = _listen(name, arm, wiring, duration_s or _DURATION_S, ros or 1)
     elif duration_s is not None or ros is not None:
         raise RecordingError("--duration-s and --ros are for `truejoint doctor live`")
-    elif len(files) > 1 or sets.detect_format(files[0]) == "bag":
+    elif len(files) > 1 or (columns is None and sets.detect_format(files[0]) == "bag"):
         with progress(f"Examining {', '.join(path.name for path in files)}"):
             recording = sets.read_bag(files, name, arm, profile=profile, state=state, truth=truth)
             poses = read_tool_poses(files, recording, profile, state)
@@ -43,10 +45,9 @@ def doctor(
     elif any(wiring.values()):
         raise RecordingError(f"{files[0]}: is no bag, so it has neither profile nor topics")
     else:
-        stated = {"robot": name, "arm": arm}
-        context = {key: value for key, value in stated.items() if value}
+        recording = Files(robot, columns=columns).one(str(files[0]))
         with progress(f"Examining {files[0].name}"):
-            diagnosis = sets.diagnose(truejoint.read_recording(files[0], **context))
+            diagnosis = sets.diagnose(recording)
     for finding in diagnosis.by_heading():
         advice = f"; {finding.advice}" if finding.advice else ""
         line = f"{finding.level:4} {finding.heading}: {finding.text}{advice}"

@@ -72,9 +72,8 @@ class Truth:
             return self._with_tracked_truth(recording, track)
         if not self.is_file:
             return recording, {}
-        robot = recording.robot
         stream = truejoint.recordings.read_truth(
-            self.truth, robot.name, robot.arm, self.truth_columns
+            self.truth, recording.robot, column_map=self.truth_columns
         )
         with progress("Estimating the offset of the clocks"):
             recording, clock = truejoint.recordings.join_truth(
