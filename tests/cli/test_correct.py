@@ -70,7 +70,7 @@ def test_several_recordings_go_into_one_table(call, session, line):
     said = call.good(f"{line} {session}/zigzag.parquet -o out.parquet {ANYHOW}").err
     assert "no half_width: the model states no interval" in said
     found = pd.read_parquet("out.parquet")
-    assert "is it a recording of truejoint's" in call("show out.parquet").err
+    assert "is no recording of truejoint's" in call("show out.parquet").err
     files = [session / "random.parquet", session / "zigzag.parquet"]
     names = [read_recording(file).provenance.session for file in files]
     assert found["recording"].unique().tolist() == names

@@ -1,13 +1,16 @@
 import gzip
 import hashlib
+import re
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from tests.recordings.refusals import refused
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import (
+    FOREIGN,
+    HEAD_BYTES,
     BoundedFile,
     Head,
     read_bounded,
@@ -18,6 +21,7 @@ from truejoint.recordings.bounded_file import (
 
 @given(data=st.binary(min_size=1, max_size=3000), packed=st.booleans())
 def test_reads_what_was_written_and_hashes_the_unpacked_content(tmp_path_factory, data, packed):
+    assume(not data.startswith(tuple(FOREIGN)))
     path = tmp_path_factory.mktemp("files") / "some.bin"
     if data.startswith(b"\x1f\x8b"):
         packed = True
@@ -56,6 +60,19 @@ def test_a_damaged_gzip_file_is_one_line(tmp_path, cut):
     path = tmp_path / "cut.gz"
     path.write_bytes(gzip.compress(bytes(range(256)) * 50)[:cut])
     refused(r"cut.gz: the gzip file is cut short or damaged", read_bounded, path)
+
+
+@pytest.mark.parametrize(("content", "kind"), FOREIGN.items())
+def test_what_no_reader_takes_is_called_by_its_name(tmp_path, content, kind):
+    (tmp_path / "run.csv").write_bytes(content + b"\0\0")
+    refused(f"run.csv: is {re.escape(kind)}; save its table as text", Head.of, tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize("begin", ["# a note\n" * 8000, "a name," * 10_000])
+def test_a_header_that_the_head_does_not_hold_is_no_shorter_one(tmp_path, begin):
+    (tmp_path / "run.csv").write_text(f"{begin}\nt,measured/jaw\n0,1\n")
+    said = f"neither header nor row ends in its first {HEAD_BYTES} bytes"
+    refused(said, Head.of(tmp_path / "run.csv").first_line, "#")
 
 
 @pytest.mark.parametrize(

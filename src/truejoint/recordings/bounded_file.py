@@ -25,6 +25,14 @@ MAX_BINARY_BYTES: Final = 2**30  # of a file that is read in one go (.npy, .mat)
 MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
 MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes 6.3 kB a line
 HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
+FOREIGN: Final = {  # beginning of files that no reader takes
+    b"PK\3\4": "a zip archive, as .xlsx and .npz are",
+    b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
+    b"BZh": "packed by bzip2",
+    b"\xfd7zXZ": "packed by xz",
+    b"\xff\xfe": "text in UTF-16",
+    b"\xfe\xff": "text in UTF-16",
+}
 # What a packed file may unpack to in all, however small it is, and as a multiple of its size:
 # recordings pack to a quarter or a twentieth; what packs to a hundredth is no measurement.
 _SMALL_BYTES: Final = 1 << 26
@@ -187,7 +195,11 @@ class Head:
             BoundedFile(require_file(path), limit=size + io.DEFAULT_BUFFER_SIZE) as file,
             io.BufferedReader(file) as buffered,
         ):
-            return cls(path, buffered.read(size))
+            data = buffered.read(size)
+        for begin, kind in FOREIGN.items():
+            if data.startswith(begin):
+                raise RecordingError(f"{path}: is {kind}; save its table as text (CSV, UTF-8)")
+        return cls(path, data)
 
     @property
     def is_text(self) -> bool:
@@ -205,11 +217,13 @@ class Head:
         """
         if not self.is_text:
             raise RecordingError(f"{self.path}: is not a text file; name its format")
-        for number, line in enumerate(self.lines(), start=1):
+        lines, is_cut = self.lines(), len(self.data) >= HEAD_BYTES
+        for number, line in enumerate(lines[: -1 if is_cut else None], start=1):
             text = line.strip()
             if text and not (comment and text.startswith(comment)):
                 return number, text
-        raise RecordingError(f"{self.path}: holds no rows")
+        why = f"neither header nor row ends in its first {HEAD_BYTES} bytes; shorten it"
+        raise RecordingError(f"{self.path}: {why if is_cut else 'holds no rows'}")
 
 
 def sha256_of(path: Path) -> str:

@@ -112,7 +112,7 @@ T = pa.array([0.0, 1.0])
         (json.dumps(GOOD), "does not match its hash", {}),
         (json.dumps(GOOD), "not float64", {"measured/joint1": pa.array(["a", "b"])}),
         (GOOD, "row 1 goes back", {"t": pa.array([1.0, 0.0])}),
-        (None, "was not written by truejoint", {}),
+        (None, "is no recording of truejoint", {}),
         ("{", "metadata is damaged", {}),
         ([1], "metadata is damaged", {}),
         (GOOD | {"version": "1"}, "metadata is damaged", {}),

@@ -79,5 +79,6 @@ def test_what_is_no_such_file_is_refused(tmp_path):
     refused("metadata is damaged", read_recording, path)
     path.unlink()
     writer = StreamWriter(path, HEADER)
+    refused("no rows: cut short while it was recorded", read_recording, path)
     writer.close()
     refused("0 rows", read_recording, path)

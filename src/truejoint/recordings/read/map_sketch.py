@@ -97,7 +97,7 @@ def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
     """Name or position of each column of a file, and what stands in its first row."""
     head = Head.of(path)
     if head.data.startswith(PARQUET_MAGIC):
-        raise RecordingError(f"{path}: is a Parquet file, which needs no column map")
+        raise RecordingError(f"{path}: is Parquet: ours needs no column map, save others as CSV")
     if head.data.startswith(NPY_MAGIC):
         array, _ = read_npy(path)
         yield from ((k, f"{value:g}") for k, value in enumerate(array[0].tolist()))

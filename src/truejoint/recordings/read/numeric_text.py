@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -46,21 +47,20 @@ class NumericTable(NamedTuple):
 def read_numbers(path: Path, layout: TextLayout, use: Sequence[int]) -> NumericTable:
     """Columns `use` of a text file of numbers, or of one in gzip; any of these may be empty.
 
-    A last line with too few numbers is what an interrupted recorder leaves behind: it is left out
-    and counted. A RecordingError names line, column and text of any field that is not a number, a
-    line with too many or too few fields, or says that the file holds too much.
+    A last line without an end and with too few numbers is what an interrupted recorder leaves
+    behind: it is left out and counted. A RecordingError names line, column and text of any field in
+    `use` that is not a number, a line with too many or too few fields, or says that the file holds
+    too much.
     """
-    # The last column tells a short line from a whole one.
-    wanted = {column: column in use for column in sorted({*use, layout.columns - 1})}
+    wanted = sorted({*use})
     pieces: list[Array] = []
     room = most = MAX_VALUES // len(wanted)
     incomplete = 0
     raw = BoundedFile(require_file(path), lines=True)
     with raw, io.BufferedReader(raw, _PIECE_BYTES) as file:
         for piece in _pieces(file, layout):
-            try:
-                values = _parse(piece, layout, wanted)
-            except pa.ArrowInvalid:
+            values = None if piece.is_open else _parse(piece, layout, wanted)
+            if values is None:
                 values, incomplete = _parse_by_line(path, piece, layout, wanted, room < most)
             room -= len(values)
             if room < 0:
@@ -73,13 +73,14 @@ def read_numbers(path: Path, layout: TextLayout, use: Sequence[int]) -> NumericT
     if room == most:
         raise RecordingError(f"{path}: holds no rows of numbers")
     values = np.concatenate(pieces)
-    return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)
+    return NumericTable(values[:, [wanted.index(c) for c in use]], digest, incomplete)
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
     """Fields of a line, stripped and without quotes; the delimiter blank is any white space."""
-    fields = line.split(None if delimiter == " " else delimiter)
-    return [field.strip().strip('"') for field in fields]
+    apart = re.sub('"[^"]*"', lambda text: text[0].replace(delimiter, "\0"), line)
+    fields = apart.split(None if delimiter == " " else delimiter)
+    return [field.strip().strip('"').replace("\0", delimiter) for field in fields]
 
 
 def text_layout(
@@ -90,7 +91,7 @@ def text_layout(
     Raises RecordingError if there is no line, or the file is no text.
     """
     number, line = head.first_line(comment)
-    delimiter = delimiter or next((d for d in ",;\t" if d in line), " ")
+    delimiter = delimiter or next((d for d in "\t;," if d in line), " ")
     fields = split_fields(line, delimiter)
     named = not all(map(is_number, fields))
     return TextLayout(len(fields), delimiter, comment, number if named else 0), fields, named
@@ -106,12 +107,16 @@ def is_number(text: str) -> bool:
 
 
 class _Piece(NamedTuple):
-    """Whole lines of a file: the first is line `number`, `skip` of them are no rows."""
+    """Whole lines of a file, or its last one: the first is line `number`, `skip` are no rows."""
 
     text: bytes
     number: int
     skip: int
-    last: bool
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is a last line without an end, which may be cut short."""
+        return not self.text.endswith((b"\n", b"\r"))
 
 
 def _pieces(file: "io.BufferedReader[BoundedFile]", layout: TextLayout) -> Iterator[_Piece]:
@@ -119,64 +124,64 @@ def _pieces(file: "io.BufferedReader[BoundedFile]", layout: TextLayout) -> Itera
     note = re.compile(re.escape(comment) + rb"[^\r\n]*")
     number, skip = 1, layout.skip
     while text := file.read(_PIECE_BYTES) + file.readline():
-        lines = text.count(b"\n")
         if comment and comment in text:
             text = note.sub(b"", text)
         if layout.delimiter == " ":
             parts = re.split(rb"\r\n|\r|\n", text)
             text = b"\n".join(b" ".join(line.split()) for line in parts)
-        yield _Piece(text, number, skip, not file.peek(1))
-        number, skip = number + lines, max(0, skip - lines)
+        end = max(text.rfind(b"\n"), text.rfind(b"\r")) + 1
+        for part in filter(None, (text[:end], text[end:])):
+            yield _Piece(part, number, skip)
+            lines = part.count(b"\n") or part.count(b"\r")
+            number, skip = number + lines, max(0, skip - lines)
 
 
-def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
-    """Columns `wanted`, which say if they may miss, of a piece; ArrowInvalid if it does not fit."""
+def _parse(piece: _Piece, layout: TextLayout, wanted: Sequence[int]) -> Array | None:
+    """Columns `wanted` of a piece; None where it does not fit."""
     names = [str(column) for column in range(layout.columns)]
     use = [names[column] for column in wanted]
     how = {"use_threads": False, "skip_rows": piece.skip, "block_size": 2 * MAX_LINE_BYTES}
-    table = csv.read_csv(
-        pa.BufferReader(piece.text),
-        csv.ReadOptions(column_names=names, **how),
-        csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
-        csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
-    )
-    values = np.column_stack([table[name].to_numpy() for name in use])
-    if np.isnan(values[:, ~np.array([*wanted.values()])]).any():
-        raise pa.ArrowInvalid("a field is missing")
-    return values
+    with suppress(pa.ArrowInvalid):
+        table = csv.read_csv(
+            pa.BufferReader(piece.text),
+            csv.ReadOptions(column_names=names, **how),
+            csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
+            csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
+        )
+        return np.column_stack([table[name].to_numpy() for name in use])
+    return None
 
 
 def _parse_by_line(
-    path: Path, piece: _Piece, layout: TextLayout, wanted: dict[int, bool], after_rows: bool
+    path: Path, piece: _Piece, layout: TextLayout, wanted: Sequence[int], after_rows: bool
 ) -> tuple[Array, int]:
     """As `_parse`, and whether its last line was cut short; slow, names faults, takes quotes."""
     rows: list[list[float]] = []
-    fault = None
     lines = io.TextIOWrapper(io.BytesIO(piece.text), encoding="utf-8-sig", errors="replace")
     for number, line in enumerate(lines, start=piece.number):
         if number < piece.number + piece.skip or not line.strip():
             continue
-        if fault is not None:
-            raise fault
-        fields = split_fields(line.strip("\r\n "), layout.delimiter)
+        # A last field that nothing follows may be missing for this reason alone.
+        text = line.strip("\r\n ").rstrip(layout.delimiter if piece.is_open else "\n")
+        fields = split_fields(text, layout.delimiter)
         try:
             rows.append(_numbers(fields, layout, wanted))
         except RecordingError as error:
-            fault = RecordingError(f"{path}: line {number}{error}; repair or remove the line")
-            short = (len(fields), all(map(is_number, fields))) < (layout.columns, True)
-            cut_short = piece.last and short and not line.endswith("\n")
-    if fault is not None and not (cut_short and (rows or after_rows)):
-        raise fault
-    return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), int(fault is not None)
+            if piece.is_open and after_rows and len(fields) <= layout.columns:
+                return np.empty((0, len(wanted))), 1
+            raise RecordingError(
+                f"{path}: line {number}{error}; repair or remove the line"
+            ) from None
+    return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), 0
 
 
-def _numbers(fields: list[str], layout: TextLayout, wanted: dict[int, bool]) -> list[float]:
+def _numbers(fields: list[str], layout: TextLayout, wanted: Sequence[int]) -> list[float]:
     if len(fields) != layout.columns:
         raise RecordingError(f" has {len(fields)} columns, expected {layout.columns}")
-    numbers = {k: float(fields[k]) if is_number(fields[k]) else np.nan for k in wanted}
-    for column, may_miss in wanted.items():
-        if np.isnan(numbers[column]) and not (may_miss and fields[column] in _MISSING):
-            text = fields[column][:40]
-            point = ": write it with a point, without commas" if "," in text else ""
-            raise RecordingError(f", column {column} is {text!r}, not a number{point}")
-    return [*numbers.values()]
+    for column in wanted:
+        text = fields[column]
+        if not is_number(text) and text not in _MISSING:
+            advice = ": write it with a point, without commas" if "," in text else ""
+            advice = ": write times in seconds" if ":" in text else advice
+            raise RecordingError(f", column {column} is {text[:40]!r}, not a number{advice}")
+    return [float(fields[k]) if is_number(fields[k]) else np.nan for k in wanted]

@@ -194,18 +194,16 @@ def _check_size(source: Path, metadata: Any, file: BinaryIO) -> None:
 
 def _check_schema(source: Path, schema: Any) -> dict[str, Any]:
     """Header of a file whose columns are numbers."""
-    other = [field.name for field in schema if field.type != pa.float64()]
-    if other:
-        raise RecordingError(
-            f"{source}: columns {other[:5]} are not float64; is it a recording of truejoint's?"
-        )
-    if len(set(schema.names)) != len(schema.names):
-        raise RecordingError(f"{source}: two columns have the same name; was the file edited?")
     if KEY not in (schema.metadata or {}):
         raise RecordingError(
-            f"{source}: was not written by truejoint: it states neither robot nor units; "
+            f"{source}: is no recording of truejoint's: it states neither robot nor units; "
             "save it as CSV and read that with a column map"
         )
+    other = [field.name for field in schema if field.type != pa.float64()]
+    if other:
+        raise RecordingError(f"{source}: columns {other[:5]} are not float64; was it edited?")
+    if len(set(schema.names)) != len(schema.names):
+        raise RecordingError(f"{source}: two columns have the same name; was the file edited?")
     header = parse_header(schema.metadata[KEY])
     if header is None or not isinstance(header.get("version"), int):
         raise RecordingError(f"{source}: {_DAMAGED}")

@@ -139,6 +139,8 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     source = Path(path)
     header, streams, end = read_streams(source)
     provenance, robot = parquet.recorded(source, header)
+    if not streams and end == _CUT_SHORT:
+        raise RecordingError(f"{source}: holds no rows: {end}, before the first were written")
     try:
         limits = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
     except (KeyError, TypeError, ValueError) as error:
