@@ -54,6 +54,13 @@ def test_a_fault_of_a_column_is_named(clean, faults, name, level, said):
     assert [f.level for f in findings if re.search(said, f.text)] == [level]
 
 
+def test_a_truth_that_is_the_measured_position_is_none():
+    jaw = 0.5 + 0.3 * np.sin(0.03 * np.arange(900))
+    (finding,) = named(_jaw(jaw, jaw), "missing")
+    assert (finding.level, finding.what) == ("fail", "it is the measured position")
+    assert not named(_jaw(added([7], 1e-6)(jaw.copy()), jaw), "missing")
+
+
 def test_a_jump_of_the_truth_is_no_turn(clean):
     assert not names(check_data([changed(clean, truth__jaw=added(slice(700, None), 1.0))])) & {
         "jump",

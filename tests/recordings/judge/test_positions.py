@@ -82,6 +82,16 @@ def test_a_wrong_sign_is_called_that_and_nothing_else(healthy, spread):
     assert check.accept(["unit"]).failed
 
 
+@pytest.mark.parametrize(("moves", "failures"), [(1.0, ("arm",)), (0.3, ())])
+def test_a_truth_that_follows_another_joint_is_none_of_one_that_moves(healthy, moves, failures):
+    def less(values: np.ndarray) -> np.ndarray:
+        return values.mean() + moves * (values - values.mean())
+
+    other = less(healthy[0].column("truth/shoulder")) + moves * 1.0
+    check = check_elbow(in_first(healthy, truth__elbow=other, measured__elbow=less))
+    assert tuple(name for name in check.failures if name != "zero") == failures
+
+
 @pytest.mark.parametrize(
     ("column", "scale"),
     [("truth/shoulder", 57.3), ("measured/shoulder", 57.3), ("truth/insertion", 1000.0)],

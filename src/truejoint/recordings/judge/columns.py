@@ -50,9 +50,12 @@ def judge_columns(
             continue
         truth = recording.column(f"truth/{joint}")
         has_truth = np.isfinite(truth)
+        rows = np.flatnonzero(has_truth)
         if needs_truth:
             yield from _missing_truth(recording.t, joint, has_truth)
-        rows = np.flatnonzero(has_truth)
+            if len(rows) and np.ptp(truth[rows]) and (truth[rows] == measured[rows]).all():
+                what, advice = "it is the measured position", "name the column of the joint sensor"
+                yield Defect("fail", "missing", what, f"truth/{joint}", advice, size=1.0)
         yield from _repeats(recording.t[rows], truth[rows], measured[rows], f"truth/{joint}")
         yield from _repeats(recording.t[rows], measured[rows], truth[rows], f"measured/{joint}")
         if len(rows) >= 2:

@@ -133,7 +133,6 @@ NO_STAMP: Final = "stamp of 0, which says that there is none"
 _REPEATED: Final = "repeated time stamp"
 _STRAY: Final = 0.01  # share of stamps that repeat or go back, from which on it is a failure
 _FOLLOWS: Final = 0.5  # squared correlation of truth and measured position of the arm that it is of
-_STRANGER: Final = 0.25  # and of one that it is not of, at most, where no other is there to compare
 _BETTER: Final = 0.1  # share that the right arm leaves unexplained of what the wrong one does
 _SHIFT: Final = 0.1  # s; smaller delays are the data check's to judge
 _SURE: Final = 5.0  # standard deviations of the estimated shift
@@ -280,8 +279,6 @@ def _judge_arm(
     advice = ""
     if other_share > _FOLLOWS and 1.0 - other_share < _BETTER * (1.0 - share):
         advice = "the arms are swapped: state --robot with the other arm, or another --profile"
-    elif share < _STRANGER:
-        advice = "is the truth of this arm, these joints and this session?"
     yield Finding("fail" if advice else "good", "arm", what, "", advice)
 
 

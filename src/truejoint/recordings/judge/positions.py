@@ -46,6 +46,8 @@ _FAR_LATER: Final = 1.5  # times as late as all together
 # Between what healthy joints show (a sixth to 1.1) and degrees for radians.
 _RATIO: Final = 7.6
 _OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
+_FOLLOWS: Final = 0.5  # rank correlation: 0.66 in the longest sheath, without a load to see
+_LEAST_SHARE: Final = 0.05  # of the travel (or of 1 rad or m)
 _MOST_ROWS: Final = 2000
 _FARTHEST: Final = {"rad": 4.0 * math.pi, "m": 2.0}  # that a joint without limits moves
 _SLACK: Final = 0.1  # of the travel between limits
@@ -68,7 +70,9 @@ def judge_positions(
         if defect.name in ("wrap", "frozen", "saturated")
     }
     marked = [pair for pair in columns if pair[0].name == "stop"]
-    scales = [(d, r, joint) for joint in joints for r in recordings for d in _judge_scale(r, joint)]
+    least = {joint: _least_motion(recordings, joint) for joint in joints}
+    pairs = itertools.product(joints, recordings)
+    scales = [(d, r, joint) for joint, r in pairs for d in _judge_scale(r, joint, least[joint])]
     marked += [(defect, recording) for defect, recording, _ in scales]
     broken |= {(id(r), joint) for defect, r, joint in scales if defect.level == "fail"}
     judged = {joint: [r for r in recordings if (id(r), joint) not in broken] for joint in joints}
@@ -334,22 +338,31 @@ def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
     return Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
 
 
-def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
-    """Judge unit, sign and limits, the first only that is wrong: each upsets the next."""
+def _least_motion(recordings: Sequence[Recording], joint: str) -> float:
+    """Range of a joint [rad or m] from which on its truth must follow; a slack may hide less."""
+    limits = recordings[0].robot.joint(joint)
+    travel = limits.upper - limits.lower
+    most = max(np.ptp(_range(r.column(f"measured/{joint}"))) for r in recordings)
+    return max(_LEAST_SHARE * (travel if math.isfinite(travel) else 1.0), 0.5 * float(most))
+
+
+def _judge_scale(recording: Recording, joint: str, least: float) -> Iterable[Defect]:
+    """Judge unit, sign, likeness and limits, the first that is wrong: each upsets the next."""
     reported, truth = recording.column(f"measured/{joint}"), recording.table.get(f"truth/{joint}")
     if truth is not None:
         rows = np.flatnonzero(truth.notna())
         rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
         pair = truth.to_numpy()[rows], reported[rows]
-        if len(rows) > 2 and (defect := _judge_pair(*pair, recording.robot.joint(joint))):
+        if len(rows) > 2 and (defect := _judge_pair(*pair, recording.robot.joint(joint), least)):
             yield defect
             return
     yield from _judge_limits(recording.robot.joint(joint), *_range(reported))
 
 
-def _judge_pair(truth: Array, reported: Array, joint: Joint) -> Defect | None:
-    """Judge unit and sign of a truth (n,) beside the reported positions (n,)."""
-    ratio = float(np.ptp(_range(truth))) / max(float(np.ptp(_range(reported))), 1e-12)
+def _judge_pair(truth: Array, reported: Array, joint: Joint, least: float) -> Defect | None:
+    """Judge a truth (n,) beside the reported positions (n,), which span `least` if they move."""
+    span = float(np.ptp(_range(reported)))
+    ratio = float(np.ptp(_range(truth))) / max(span, 1e-12)
     if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
         unit, display, wrong = joint.unit, display_unit(joint.unit), max(ratio, 1.0 / ratio)
         where, other = ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
@@ -362,6 +375,9 @@ def _judge_pair(truth: Array, reported: Array, joint: Joint) -> Defect | None:
         if same < _OPPOSITE:
             what = f"the truth falls where the measured position rises (correlation {same:.2f})"
             return Defect("fail", "sign", what, f"truth/{joint.name}", size=-same)
+        if same < _FOLLOWS and span >= least:
+            what = f"the truth does not follow the measured position (correlation {same:.2f})"
+            return Defect("fail", "arm", what, f"truth/{joint.name}", size=-same)
     return None
 
 
