@@ -76,6 +76,8 @@ def test_a_move_in_space_is_straight(lagging_arm, lagging_backend):
     start = lagging_arm.setpoint_cp()
     goal = start.copy()
     goal[:3, 3] += [0.02, -0.01, 0.015]
+    turn = Rotation.from_rotvec([0.2, 0.1, -0.1])
+    goal[:3, :3] = turn.as_matrix() @ start[:3, :3]
     sent, kinematics = len(lagging_backend.sent), lagging_arm.robot.kinematics
     lagging_arm.move_cp(goal).wait(60.0)
     assert lagging_arm.setpoint_cp() == pytest.approx(goal, abs=1e-9)
@@ -86,6 +88,13 @@ def test_a_move_in_space_is_straight(lagging_arm, lagging_backend):
     off = tool[:, :3, 3] - start[:3, 3]
     stray = off - (off @ unit)[:, None] * unit
     assert np.linalg.norm(stray, axis=1).max() < 2e-4
+    turned = Rotation.from_matrix(tool[:, :3, :3] @ start[:3, :3].T).magnitude()
+    even = turn.magnitude() * (off @ unit) / np.linalg.norm(way)
+    assert turned == pytest.approx(even, abs=2e-3)
+    sent = len(lagging_backend.sent)
+    lagging_arm.move_cp(np.block([[start[:3, :3], goal[:3, 3:]], [start[3:]]])).wait(60.0)
+    tool = kinematics.crtk_from_base @ kinematics.forward(np.vstack(lagging_backend.sent[sent:]))
+    assert np.abs(tool[:, :3, 3] - goal[:3, 3]).max() < 2e-4  # it turns on the spot
     goal[:3, 3] += [0.0, 3.0, 0.0]
     count = len(lagging_backend.sent)
     with pytest.raises((RobotError, CommandRefused)):

@@ -19,11 +19,11 @@ HOME = ROBOT.home
 @given(st.integers(0, 6), st.floats(1e-6, 10.0), st.booleans())
 def test_range_is_refused_just_outside_and_kept_on_it(joint, excess, above):
     edge = ROBOT.upper[joint] if above else ROBOT.lower[joint]
-    rows = HOME[None].copy()
-    rows[0, joint] = edge
+    rows, away = np.tile(HOME, (3, 1)), 1.0 if above else -1.0
+    rows[1:, joint] = edge + away * 1e-10  # as rounding has it
     check_range(ROBOT, rows, "servo_jp")
-    rows[0, joint] = edge + (excess if above else -excess)
-    with pytest.raises(CommandRefused, match=ROBOT.joint_names[joint]):
+    rows[1:, joint] = edge + away * excess
+    with pytest.raises(CommandRefused, match=f"{ROBOT.joint_names[joint]} at .* at sample 1 of 3"):
         check_range(ROBOT, rows, "servo_jp")
 
 

@@ -69,6 +69,16 @@ def test_every_motion_stops_within_a_piece_and_the_braking(delay, command, motio
     state = {"pause": "PAUSED", "disable": "DISABLED", "hold": "ENABLED"}[command]
     assert arm.operating_state().state == state
     assert not arm.operating_state().is_busy
+    if command == "hold":
+        np.testing.assert_array_equal(arm.latest_setpoint("servo_jr"), path[-1])
+
+
+def test_braking_leaves_no_range(lagging_arm, lagging_backend):
+    rows, upper = np.tile(lagging_arm.robot.home, (524, 1)), lagging_arm.robot.upper[0]
+    rows[:, 0] = upper - 2e-3 * np.arange(524)[::-1]
+    lagging_arm.servo_jp_stream(rows)
+    lagging_arm.pause()
+    assert lagging_backend.sent[-1][:, 0] == pytest.approx(upper, abs=1e-12)
 
 
 def test_a_move_returns_a_handle_that_another_thread_can_cancel(lagging_arm, monkeypatch):
@@ -125,8 +135,11 @@ def test_a_time_out_leaves_the_motion_going(lagging_arm):
     assert motion.is_busy()
     with pytest.raises(CommandRefused, match="busy"):
         lagging_arm.move_jp(lagging_arm.robot.home)
+    lagging_arm.pause(0.01)  # which does not wait for a subscriber that hangs
+    assert lagging_arm.operating_state().state == "PAUSED"
     gate.set()
-    motion.wait(60.0)
+    with pytest.raises(MotionStopped, match="PAUSED"):
+        motion.wait(60.0)
 
 
 def test_an_exception_in_a_subscriber_pauses_the_arm(lagging_arm, lagging_backend):

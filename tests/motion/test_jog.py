@@ -72,6 +72,8 @@ def test_a_joint_comes_to_rest_at_its_limit(hasty):
     upper = jog.arm.robot.upper[2]
     assert rows[-1, 2] == pytest.approx(upper, abs=1e-4)
     assert (rows[:, 2] <= upper).all()
+    change = np.abs(np.diff(rows[:, 2], 2)).max() * 1e6
+    assert change <= jog.speed[2] / RAMP * (1 + 1e-6)
 
 
 def test_the_tool_goes_straight():
@@ -82,6 +84,10 @@ def test_the_tool_goes_straight():
     way = pose[1, :3, 3] - pose[0, :3, 3]
     assert way == pytest.approx(1.6 * twist[:3], rel=0.02, abs=2e-5)
     assert pose[1, :3, :3] == pytest.approx(pose[0, :3, :3], abs=2e-3)
+    rows, jog = rows_of([(0.0, lambda jog: jog.tool(20.0 * twist))], 0.5)
+    assert np.abs(np.diff(rows, axis=0) * 1e3 / jog.speed).max() == pytest.approx(1.0)
+    tip = (kinematics.crtk_from_base @ kinematics.forward(rows[[0, 500]]))[:, :3, 3]
+    assert (tip[1] - tip[0]) @ way > 0.999 * np.linalg.norm(tip[1] - tip[0]) * np.linalg.norm(way)
 
 
 def test_refusals(lagging_arm):

@@ -15,7 +15,7 @@ from tests.recordings.refusals import refused
 
 from truejoint.crtk.messages import PROFILES, TRUTH_TOPIC, joint_state_columns
 from truejoint.errors import RecordingError
-from truejoint.recordings.joint_encoders import EncoderNode, JointEncoders
+from truejoint.recordings.joint_encoders import REGISTRATION, EncoderNode, JointEncoders
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2")
@@ -89,8 +89,8 @@ def test_counts_become_positions_once_registered(line):
 def test_garbage_and_half_lines_are_left_out():
     encoders = JointEncoders("none", JOINT_ENCODERS)
     encoders._take(b"7_8")
-    encoders._take(b"_9\n\xff\x00garbage\n1_2\n1_2_3_4\n99999999999_1_1\n\n3_4_5\n")
-    assert (encoders.messages, encoders.garbage) == (2, 5)
+    encoders._take(b"_9\n\xff\x00garbage\n1_2\n1_2_3_4\n99999999999_1_1\n9999999999_1_1\n\n3_4_5\n")
+    assert (encoders.messages, encoders.garbage) == (2, 6)
 
 
 def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
@@ -116,12 +116,16 @@ def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
 
 
 def test_a_registration_that_cannot_be_is_refused():
-    encoders = JointEncoders("none", JOINT_ENCODERS)
+    now = [0.0]
+    encoders = JointEncoders("none", JOINT_ENCODERS, clock=lambda: now[0])
     encoders.start_registration()
+    now[0] = REGISTRATION + 1.0
+    encoders._take(b"0_0_0\n5000_5000_5000\n")  # too late
     refused("no counts were read during the homing", encoders.register)
     encoders.start_registration()
     encoders._take(b"0_0_0\n5000_10_5000\n")
     refused("encoder of elbow did not move", encoders.register)
+    refused("no counts were read during the homing", encoders.register)
 
 
 def test_a_port_or_encoders_that_are_not_there_are_refused(tmp_path):
@@ -132,10 +136,12 @@ def test_a_port_or_encoders_that_are_not_there_are_refused(tmp_path):
 @given(st.lists(st.binary(max_size=20), max_size=20))
 def test_no_bytes_break_a_parser_and_a_line_without_end_is_given_up(pieces):
     sensor = JointEncoders("none", JOINT_ENCODERS)
-    for piece in (*pieces, b"1" * 5000):
+    for piece in pieces:
         sensor._take(piece)
+    garbage, before = sensor.garbage, sensor.messages
+    sensor._take(b"1" * 5000)
     assert not sensor._waiting
-    before = sensor.messages
+    assert sensor.garbage > garbage
     sensor._take(b"\n1_2_3\n")
     assert sensor.messages == before + 1
 
@@ -188,7 +194,9 @@ def test_it_registers_while_the_arm_homes_and_publishes_from_the_drivers_zero(no
     send(encoders, (0, 0, 0))
     assert not out
     say(ros, state="ENABLED", is_homed=False, is_busy=True)
-    send(encoders, (0, 0, 0), 1000 * TOWARDS, -500 * TOWARDS)
+    send(encoders, (0, 0, 0), 1000 * TOWARDS)
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)  # as it says all along
+    send(encoders, -500 * TOWARDS)
     say(ros, state="ENABLED", is_homed=True, is_busy=False)
     send(encoders, -500 * TOWARDS)
     assert made.published == len(out) == 1
@@ -200,6 +208,9 @@ def test_it_registers_while_the_arm_homes_and_publishes_from_the_drivers_zero(no
         away = -1.0 if encoder.end == "upper" else 1.0
         assert position == pytest.approx(encoder.hard_stop + away * 1500 * encoder.resolution)
     assert out[0].header.stamp > 1e9
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)  # its zero is that no more
+    send(encoders, (0, 0, 0))
+    assert len(out) == 1
 
 
 def test_a_homing_that_was_stopped_is_registered_anew(node):

@@ -95,6 +95,7 @@ def test_the_rows_kept_do_not_depend_on_the_pieces(cuts, rate, jitter):
         assert np.diff(t[whole]).max() < 1 / rate + 2e-3
     if rate >= 5000:
         assert whole.all()
+    assert Decimator(rate).pick(3.0 + np.arange(300) / rate).all()  # each begins a cell
 
 
 def test_an_interrupt_keeps_and_writes_what_there_is(arm, tmp_path):
@@ -174,6 +175,7 @@ def test_what_is_recorded_is_on_disk_meanwhile(arm, tmp_path):
     assert left.provenance.load == 0.1
     assert left.provenance.rates == now.provenance.rates
     assert left.provenance.notes == "cut short while it was recorded"
+    assert recorder.written == tmp_path / "run.parquet"
     assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
 
 
@@ -198,10 +200,14 @@ def test_what_comes_after_the_longest_duration_is_counted(arm, monkeypatch):
     assert len(recording) + recording.provenance.dropped[PAST_END] == 50
 
 
-def test_an_arm_that_reports_nothing_is_named(arm):
-    with Recorder(arm) as recorder:
+def test_an_arm_that_reports_nothing_is_named_and_leaves_no_file(arm, tmp_path):
+    recorder = Recorder(arm, path=tmp_path / "run.parquet", overwrite=True)
+    with recorder:
+        arm.state(np.arange(1000) * 1e-3)
+    with recorder:  # which begins anew
         pass
     refused(r"from raven2 \(right arm\): 0 rows", recorder.recording)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
 
 
 @pytest.mark.parametrize("options", [{"gap_limit": 0.0}, {"state_rate": 0.0}])

@@ -81,7 +81,6 @@ class TimeLaw:
         lines = self.times, self._centred, self._integral
         law = (_integrals(now, *lines) - _integrals(now - BLEND, *lines)) / BLEND
         # An end that is a difference of integrals would be off by rounding.
-        law[now <= 0.0] = 0.0
         law[now >= self.duration] = self._centred[-1]
         return np.asarray(law + self.knots[0])
 

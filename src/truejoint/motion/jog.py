@@ -103,8 +103,9 @@ class Jog:
             wanted = self._wanted(position)
             # What still can be braked before a limit, at the deceleration that is allowed.
             room = np.stack([position - robot.lower, robot.upper - position]).clip(0.0)
-            # The speed of a whole piece more is used before braking begins.
-            edge = np.sqrt(2.0 * room * self.speed / RAMP + change**2) - change
+            # Speeds change evenly over a piece, also over that in which the joint comes to rest.
+            left = 2.0 * room * self.speed / RAMP + np.stack([velocity, -velocity]) * change
+            edge = (np.sqrt(left.clip(0.0)) - 0.5 * change).clip(0.0)
             wanted = np.clip(wanted, -edge[0], edge[1])
             after = np.clip(wanted, velocity - change, velocity + change)
             # The mean speed up to each row of the piece, over which the speed changes evenly.

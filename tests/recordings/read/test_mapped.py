@@ -124,6 +124,11 @@ def by(columns: dict[str, Any]) -> dict[str, Any]:
         ("t,measured/joint1\n0,1\n", BROS, "1 rows; a recording needs at least 2"),
         ("t,measured/joint1\n", BROS, "holds no rows"),
         ("t,measured/joint1\n0,1\n1,2\n0,3\n", BROS, "row 2 goes back or repeats"),
+        (
+            "t,measured/joint1\n" + "".join(f"{t},1\n" for t in (*range(20), 0, *range(20, 40))),
+            BROS,
+            "row 20 goes back",
+        ),
         ("t,measured/joint1\n0,1\n1,high\n", BROS, "line 3, column 1 is 'high'"),
         ("t;measured/joint1\n0;0,5\n1;0,6\n", BROS, "'0,5', not a number: write it with a point"),
         ("t,measured/joint1\n17e17,1\n18e17,2\n", BROS, "beyond the year 5000; if that is in ms"),
@@ -131,6 +136,7 @@ def by(columns: dict[str, Any]) -> dict[str, Any]:
         ("measured/joint1\n0\n1\n", BROS, "no column 't' .* --metadata rate_hz=.*truejoint col"),
         ("t,measured/joint1\n0,1\n1,2\n", {**BROS, "rate": 9.0}, "has time stamps"),
         ("measured/joint1\n0\n1\n", {**BROS, "rate": np.nan}, "a rate of nan Hz"),
+        ("measured/joint1\n0\n1\n", {**BROS, "rate": -1.0}, "a rate of -1.0 Hz"),
         ("t,measured/joint1\n0,1\n1,inf\n", BROS, "row 1 is inf"),
         ("t,t,measured/joint1\n0,0,1\n1,1,2\n", BROS, "column 't' is there twice"),
         (TABLE, by({"t": "stamp"}), "no 'measured/"),
@@ -264,6 +270,7 @@ def test_each_restart_of_the_clock_begins_a_session(tmp_path_factory, lengths, f
     path = tmp_path_factory.mktemp("restart") / "day.csv"
     names = "t,measured/joint1"
     table = np.column_stack([t, np.arange(t.size)])
+    table = np.vstack([[first, -1.0], table])  # of one stamp the last row is kept
     np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.17g")
     found = read_recordings(path, robot="bros", homing_id="h", session="morning")
     assert [len(recording) for recording in found] == lengths
@@ -273,6 +280,10 @@ def test_each_restart_of_the_clock_begins_a_session(tmp_path_factory, lengths, f
     names = [f"morning#{k}" if several else "morning" for k in range(1, len(lengths) + 1)]
     assert [recording.provenance.session for recording in found] == names
     assert {recording.provenance.homing_id for recording in found} == {"h"}
+    dropped = [recording.provenance.dropped for recording in found]
+    assert dropped == [{"repeated time stamp": 1}, *[{}] * (len(lengths) - 1)]
+    start = first if first > 1e9 else np.nan
+    np.testing.assert_array_equal([recording.provenance.start for recording in found], start)
     if several:
         refused(f"holds {len(lengths)} recordings", read_recording, path, robot="bros")
 

@@ -47,9 +47,9 @@ def test_interpolates_but_never_across_a_gap(seed, limit):
 
 
 def test_a_reading_at_the_very_stamp_counts_even_beside_a_gap():
-    columns, dropped = synchronise(
-        stream([0.0, 1.0, 1.5, 2.0]), stream([0.0, 1.0, 2.0], x=[5.0, 6.0, 7.0]), 0.1
-    )
+    streams = stream([0.0, 1.0, 1.5, 2.0]), stream([0.0, 1.0, 2.0], x=[5.0, 6.0, 7.0])
+    assert not synchronise(*streams, 1.0)[1]  # a limit is no gap
+    columns, dropped = synchronise(*streams, 0.1)
     assert columns["x"].tolist()[:2] == [5.0, 6.0]
     assert np.isnan(columns["x"][2])
     assert columns["x"][3] == 7.0
@@ -69,6 +69,8 @@ def test_rows_that_cannot_be_used_are_counted():
     assert dropped == {f"{s}: {why}": 1 for s in ("state", "truth") for why in (BACK, MISSING)}
     assert len(columns["t"]) == 38
     assert np.allclose(columns["x"], columns["t"])
+    _, dropped = synchronise(stream(np.array([0.0, 0.1, 0.2, 0.15])), stream(u, x=x), 0.05)
+    assert dropped[f"state: {BACK}"] == 1  # of few rows one may be
 
 
 def test_a_clock_that_is_set_back_for_good_is_refused():

@@ -130,6 +130,12 @@ def test_a_folder_in_the_folder_of_a_bag_is_no_part_of_it(tmp_path):
     (folder / "plots").mkdir(parents=True)
     _mcap(folder / "run_0.mcap", _state(_JOINTS, _JAW))
     assert len(read_bag(folder, "davinci_grasper")) == 20
+    for part in ("run_10.mcap", "run_2.mcap"):
+        (folder / part).touch()
+    assert [part.name[4:-5] for part in container._parts(folder)] == ["0", "2", "10"]
+    assert container.is_bag(folder, b"")
+    (folder / "other.mcap").touch()
+    assert not container.is_bag(folder, b"")
 
 
 def test_topics_are_listed_without_unpacking_a_message(tmp_path, monkeypatch):
@@ -141,6 +147,7 @@ def test_topics_are_listed_without_unpacking_a_message(tmp_path, monkeypatch):
         (message,) = base.execute("SELECT data FROM messages").fetchone()
         base.execute("UPDATE messages SET data = ?", [zstd.compress(message)])
         base.commit()
+    assert len(read_bag(tmp_path / "run.db3", "davinci_grasper")) == 21
     monkeypatch.setattr(Allowance, "unpack", None)
     monkeypatch.setattr(container, "read_batches", None)
     for suffix in (".bag", ".mcap"):

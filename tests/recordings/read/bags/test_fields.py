@@ -15,6 +15,7 @@ SYSTEM = typesys()
 KINDS = {
     "own/nested": "uint8 flag\nstring note\nown/part[2] parts\nfloat64[] values\nint16 last\n",
     "own/part": "int8 a\nfloat64 b\nstring[] words\n",
+    "own/state": "std_msgs/Header hdr\n",
 }
 JOINTS = st.lists(
     st.tuples(st.text("ab_/é", max_size=5), st.floats(-9, 9), st.floats(-9, 9, width=32)),
@@ -87,8 +88,19 @@ def test_joint_states_of_any_length(encoding, messages):
                 np.testing.assert_array_equal(lot.fields[name][k], getattr(message, name))
     assert sorted(seen) == list(range(len(messages)))
     assert not decoder.damaged
-    assert not [*decoder.decode([10**18], [raw[0][:-1]])]
-    assert decoder.damaged == 1
+    assert not [*decoder.decode([10**18] * 2, [raw[0][:-1]] * 2)]
+    assert decoder.damaged == 2
+    empty, one = np.zeros(0), np.ones(1)
+    alike = [  # of as many bytes
+        types[kind](header=header, name=[name], position=first, velocity=last, effort=empty)
+        for name, first, last in (("a", empty, one), ("a", one, empty), ("b", one, empty))
+    ]
+    lots = [*decoder.decode([7] * 3, [serialise(encoding, each, kind) for each in alike])]
+    found = sorted((*lot.texts["name"], lot.fields["position"].shape[1]) for lot in lots)
+    assert found == [("a", 0), ("a", 1), ("b", 1)]
+    state = serialise(encoding, types["own/msg/state"](hdr=header), "own/msg/state")
+    (lot,) = Decoder(topic_of(encoding, "own/msg/state"), ()).decode([7], [state])
+    assert lot.stamps == (stamp.sec * 10**9 + stamp.nanosec or 7)
 
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])

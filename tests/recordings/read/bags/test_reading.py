@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
 import pytest
 from rosbags import rosbag1
@@ -91,6 +92,8 @@ def test_the_left_arm_is_where_the_profile_says(bag, session):
     notes = found.provenance.notes
     assert notes.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
     assert re.search(r"; added to the truth \[rad or m\]: .*\+0.1309 to elbow", notes)
+    told = read_bag(bag, "raven2", "left", state="/arm2/measured_js", offset=0.5)
+    assert not np.array_equal(told.column("truth/elbow"), found.column("truth/elbow"))
 
 
 def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
@@ -159,6 +162,7 @@ def test_nothing_comes_of_what_is_packed_and_damaged():
     packed[4:12] = b"\xff" * 8
     assert not Allowance("a chunk", 1 << 20).unpack(bytes(packed), "zstd")
     assert not Allowance("a chunk", 1 << 20).unpack(zstd.compress(b"a"), "brotli")
+    assert Allowance("a chunk", 1 << 20).unpack(lz4.frame.compress(b"a"), "lz4") == b"a"
 
 
 def test_what_a_correcting_node_says_is_neither_state_nor_truth(bag, session, tmp_path):
