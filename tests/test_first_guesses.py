@@ -220,7 +220,11 @@ def test_evaluate_takes_one_or_several_and_paths(names: dict[str, Any]) -> None:
     rmse = truejoint.evaluate({"linear": [model]}, [test]).score("linear", "jaw").rmse
     for models in (model, path, str(path), [path], {"linear": path}):
         assert truejoint.evaluate(models, test).score("linear", "jaw").rmse == rmse
-    assert truejoint.evaluate({"mine": model}, test).chosen == "mine"
+    found = truejoint.evaluate({"mine": model}, test)
+    assert found.chosen == "mine"
+    assert found.estimators == ("raw", "offset", "poly2", "mine")  # which is the linear one
+    offset = truejoint.calibrate(names["training"], "offset")
+    assert "offset" in truejoint.evaluate({"mine": offset}, test).estimators  # the yardstick
     assert truejoint.evaluate([model, path], test).score("linear", "jaw").seeds == 2
     other = truejoint.calibrate(names["training"], "poly2")
     assert {"linear", "poly2"} <= set(truejoint.evaluate([model, other], test).estimators)

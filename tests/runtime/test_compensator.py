@@ -14,6 +14,7 @@ from truejoint.motion import Trajectory, follow
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots import get_robot
 from truejoint.runtime import Compensator, Corrector, Status, compensation, loop_margin
+from truejoint.runtime.compensator import MotorReadings
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ForcepsTwin
 
@@ -502,6 +503,14 @@ def test_the_jaw_follows_and_the_motor_does_not():
         errors[loop] = np.sqrt(np.mean((truth - wanted[:, 0])[2200:] ** 2))
     assert errors[True] < 0.1 * errors[False]
     assert np.degrees(errors[True]) < 0.15
+
+
+def test_motor_readings_go_forward_until_another_arm_is_read():
+    readings = MotorReadings(FORCEPS)
+    told = [readings.step(t, [0.1]) for t in (2.0, 2.0, 1.0, 1.5)]
+    assert told == [Status.OK, *[Status.STALE] * 3]
+    readings.release()
+    assert readings.step(1.0, [0.1]) == Status.OK
 
 
 @pytest.mark.parametrize("sample", ["ab", [0.1, 0.2, 0.3], None])

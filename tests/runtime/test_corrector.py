@@ -165,6 +165,12 @@ def test_another_thread_may_tell_a_homing_and_run_nothing(calibration):
         assert corrector.set_homing(False) == Status.NOT_HOMED
         assert corrector.step(LOOP[1], samples[1]) == Status.OTHER_THREAD
         assert pool.submit(corrector.step, LOOP[1], samples[1]).result() == Status.NOT_HOMED
+        own = ready(calibration)
+        assert own.step(LOOP[1], samples[1]) == Status.OK
+        assert not own.run(recording(LOOP[:5])).status.any()  # from a fresh start
+        assert own.step(LOOP[0], samples[0]) == Status.OK
+        own.set_homing(True, "h1")  # lets go of it
+        assert pool.submit(own.step, LOOP[1], samples[1]).result() == Status.OK
 
 
 def test_a_loop_sees_what_another_thread_tells_between_two_samples_and_whole(calibration):

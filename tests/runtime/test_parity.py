@@ -161,7 +161,7 @@ def test_what_is_acknowledged_counts_as_right_from_then_on(calibration):
     assert [corrector.step(T[-1] + k * 1e-3, rows[-1]) for k in (1, 2)] == [OK, OK]
     assert corrector.step(T[-1] + 3e-3, rows[-1] - [0.0005, *[0] * 6]) == SUSPECT
     corrector.rezero([0.0, 0.0])
-    assert corrector.step(T[-1] + 4e-3, rows[-1]) == OK
+    assert corrector.step(T[-1] + 4e-3, rows[-1] - [0.0005, *[0] * 6]) == OK
 
 
 def test_zeros_that_differ_from_those_of_training_are_suspect_at_once(calibration):

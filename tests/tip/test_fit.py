@@ -143,6 +143,10 @@ def test_points_of_another_plate_are_refused():
     rows = rows_of()
     with pytest.raises(CalibrationError, match="do not fit the others: are they all of this arm"):
         fit_rows(replace(rows, point=rows.point[::-1]), prior(pose_sd=0.0))
+    few = rows_of(9, noise=2e-4)
+    few.point[[2, 5]] += 0.02  # of so few the two that are dropped may be the good ones
+    with pytest.raises(CalibrationError, match="2 of 9 points do not fit the others"):
+        fit_rows(few, prior(pose_sd=0.0))
 
 
 def test_points_lie_over_points():

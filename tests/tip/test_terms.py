@@ -8,6 +8,7 @@ from tests.tip.test_touch_calibration import session
 from tests.tip.touched_arm import ROBOT, fitted
 
 from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
 from truejoint.tip.terms import AGAIN, WIDE, Terms, learned_priors, wide_priors
 
 TERMS = Terms.of_workspace(ROBOT)
@@ -53,6 +54,9 @@ def test_without_calibrations_little_is_expected():
         assert (other.sd < first.sd).any()
 
 
-def test_a_prior_of_other_joints_is_refused():
+def test_a_prior_of_another_arm_or_other_joints_is_refused():
+    right = replace(fitted(), machine=get_robot("raven2", "right"))
+    with pytest.raises(CalibrationError, match="give one that was made on recordings of this arm"):
+        learned_priors(TERMS, right, session(30, 5)[0])
     with pytest.raises(CalibrationError, match="touches correct shoulder, elbow, insertion"):
         TERMS.of_calibration(replace(fitted(), joints=("elbow",)), session(30, 5)[0])

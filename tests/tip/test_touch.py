@@ -47,6 +47,10 @@ def test_touches_after_a_homing_give_its_zero(model, pose, first):
     assert (np.abs(again.offset - HOMING) < 4 * found.sd[:3]).all()
     assert (found.sd[:3] < [2e-3, 2e-3, 3e-4]).all()
     assert (zero.source, zero.homing_id, zero.rows) == ("touch", "2", 8)
+    # A block that has moved by as much, which touches do not tell from a homing, is in what it may
+    # be off by.
+    assert zero.details["unnoticed_move"] > 1e-3
+    assert (zero.deviation > 2.0 * found.sd[:3]).any()
     assert again.origin.homing_ids == ("2",)
     for name in model.baselines:
         assert again.offsets[name] == pytest.approx(again.offset)
@@ -92,6 +96,8 @@ def test_a_block_that_has_moved_is_refused(model, pose, first, shift):
 def test_touches_that_cannot_be_are_refused(model, pose, first):
     with pytest.raises(CalibrationError, match="the model is of"):
         zero_by_touch(model, first.recording, first.touches, replace(pose, arm="right"))
+    with pytest.raises(CalibrationError, match="with another calibration"):
+        zero_by_touch(model, first.recording, first.touches, replace(pose, model_sha256="other"))
     few = touched(2, block=first.block)
     with pytest.raises(CalibrationError, match="2 different dimples"):
         zero_by_touch(model, few.recording, few.touches, pose)
