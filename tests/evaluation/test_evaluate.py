@@ -221,9 +221,9 @@ def test_a_missing_jaw_does_not_hide_the_tool(recording_of, calibration_of):
 
 
 def test_names_of_recordings_are_short_and_unique():
-    sources = ["a/1.csv", "b/1.csv", "b/2.csv", "b/2.csv", ""]
-    names = unique_names(sources)
-    assert names == ["a/1.csv", "b/1.csv", "b/2.csv #1", "b/2.csv #2", "recording"]
+    sources = ["a/1.csv", "b/1.csv", "b/2.csv", "b/2.csv", "", ""]
+    names = ["a/1.csv", "b/1.csv", "b/2.csv #1", "b/2.csv #2", "recording #1", "recording #2"]
+    assert unique_names(sources) == names
 
 
 def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(grasper):
@@ -305,8 +305,10 @@ def test_a_side_of_a_data_set_begins_a_second_after_the_other(fraction):
 @given(st.floats(0.05, 0.95))
 def test_parts_that_meet_share_no_row_and_lose_none(cut):
     recording = _ramp()
-    first, last = part_by_time(recording, 0.0, cut), part_by_time(recording, cut, 1.0)
-    np.testing.assert_array_equal(np.concatenate([first.t, last.t]), recording.t)
+    done = (recording.t - recording.t[0]) / recording.duration
+    for at in (cut, done[int(cut * len(done))]):  # where there is no row, and where one is
+        first, last = part_by_time(recording, 0.0, at), part_by_time(recording, at, 1.0)
+        np.testing.assert_array_equal(np.concatenate([first.t, last.t]), recording.t)
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,8 @@ def test_without_a_tolerance_every_joint_must_beat_the_fixed_offset():
     assert not bad.passed
     assert [joint.passed for joint in bad.joints] == [True, False]
     assert "elbow 1.00 deg against the fixed offset's 1.00 deg" in bad.text
+    simple = pd.concat([_scores(elbow=0.2), _scores(elbow=0.1).tail(1).assign(estimator="linear")])
+    assert "0.200 deg against the linear model's 0.100 deg" in judge(simple, "dnn").text
 
 
 def test_a_stated_tolerance_decides_even_above_the_fixed_offset():
@@ -89,6 +91,8 @@ def test_another_file_at_the_same_time_was_not_seen(recording_of):
     test = recording_of("davinci_grasper", sha256="cd", source="a.csv")
     assert not list(objections_to(Origin(sessions=(Session.of(train),)), [test], WITHIN))
     assert not list(objections_to(Origin(), [test], WITHIN))
+    (refused,) = objections_to(Origin(), [test], Domain(0.4, {"SPIKE": 0.6}, 0.0))
+    assert "the loop would refuse 60 % of the rows (SPIKE 60 %)" in refused
     unnamed = recording_of("davinci_grasper")
     columns = unnamed.table.assign(**{"measured/jaw": -unnamed.column("measured/jaw")})
     other = Recording.from_columns(columns, unnamed.provenance, unnamed.units)

@@ -166,7 +166,7 @@ def test_another_thread_may_tell_a_homing_and_run_nothing(calibration):
         assert corrector.step(LOOP[1], samples[1]) == Status.OTHER_THREAD
         assert pool.submit(corrector.step, LOOP[1], samples[1]).result() == Status.NOT_HOMED
         own = ready(calibration)
-        assert own.step(LOOP[1], samples[1]) == Status.OK
+        assert own.step(LOOP[1] + 50.0, samples[1]) == Status.OK
         assert not own.run(recording(LOOP[:5])).status.any()  # from a fresh start
         assert own.step(LOOP[0], samples[0]) == Status.OK
         own.set_homing(True, "h1")  # lets go of it

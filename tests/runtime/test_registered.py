@@ -17,6 +17,7 @@ from tests.estimators.motor_side.test_motor_side import estimate
 from truejoint.calibration import write_calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import encode, to_bytes
+from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import get_estimator
 from truejoint.features.feature_set import time_steps
@@ -239,6 +240,9 @@ def test_an_interval_comes_before_the_filters_own_width(name, rezero):
     assert good.sum() > 10
     if rezero:
         assert np.isinf(found).all()
+        zeroed = replace(calibration, interval=interval, zero=Zero(np.zeros(len(widths[0]))))
+        widths = run(ready(zeroed), recording.t, samples)[2]
+        assert np.isfinite(widths[good]).all()  # a file that is re-zeroed has it at once
     else:
         assert (found[good] >= 0.003).all()
         assert (found[good] < 0.01).all()
