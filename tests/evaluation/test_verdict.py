@@ -168,6 +168,14 @@ def test_nearly_the_same_model_is_kept_plain():
     assert advise(errors, rows, "dnn").deploy == "linear"
 
 
+def test_a_joint_that_no_model_helps_hides_no_other():
+    errors, rows = _frames(BASE | {"linear": 0.2, "dnn": 0.05})
+    for name in errors.columns.unique(0):
+        errors[name, "wrist"] = NOISE[4, 1]
+    rows["direction", "wrist"] = rows["direction", "jaw"]
+    assert advise(errors, rows, "dnn").deploy == "dnn"
+
+
 def test_tests_count_together_or_each_by_itself():
     good = {"raw": 2.0, "offset": 1.0, "dnn": 0.5}
     assert advise(*_frames(good)).deploy == "dnn"

@@ -325,7 +325,7 @@ def advise(
     estimators a `plain` one goes first, then the `chosen` one, then the closest.
 
     Counted are the rows that the loop would correct (all, where there are none), each by its error
-    as a multiple of the fixed offset's in that joint.
+    as a multiple of the least RMSE in that joint: one that no model helps hides no other.
 
     Parameters
     ----------
@@ -357,7 +357,7 @@ def advise(
     parts = by_recording(moves.index)
     own = errors[counted]
     whole = {name: own[name][moves.columns].to_numpy() for name in own.columns.unique(0)}
-    scale = np.sqrt(np.mean(whole[OFFSET] ** 2, axis=0))
+    scale = np.sqrt(np.min([np.mean(error**2, axis=0) for error in whole.values()], axis=0))
     scale[scale == 0.0] = 1.0
     scaled = {name: [error[part] / scale for part in parts] for name, error in whole.items()}
     size = {name: sum(float(np.sum(e**2)) for e in split) for name, split in scaled.items()}
