@@ -117,6 +117,9 @@ def test_an_own_fit_that_is_better_on_what_is_left_out_is_taken(models):
     assert made.estimator == "poly2_ridge"
     assert "an own fit is better" in facts["left_aside"]
     assert facts["rmse"]["own"][0] < 0.5 * facts["rmse"]["like"][0]
+    copied = calibrate_like([*several, several[0]], models, "poly2_ridge", features=FEATURES)
+    once = calibrate_like(several, models, "poly2_ridge", features=FEATURES)
+    assert copied.metadata["like"]["rmse"] == once.metadata["like"]["rmse"], "a copy was learnt"
     told = []
     kept = calibrate_like(several, models, "offset", features=FEATURES, progress=told.append)
     assert kept.estimator == "pooled"

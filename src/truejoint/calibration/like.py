@@ -94,12 +94,13 @@ def calibrate_like(
         "weights": {j: weights[:, k].round(4).tolist() for k, j in enumerate(joints)},
     }
     left_aside = _contradiction(pooled, recordings)
-    left_out = [Fold("", (part,)) for part in wholes(recordings)[:FOLDS]]
-    if left_aside or len(distinct(recordings)) > 1:
+    different = distinct(recordings)
+    left_out = [Fold("", (part,)) for part in wholes(different)[:FOLDS]]
+    if left_aside or len(different) > 1:
         later = within(report, _SHARE, 1.0 - _SHARE)
         alone = calibrate(recordings, estimator, progress=later, **how)
         if not left_aside and alone.joints == joints:
-            errors = [_left_out_rmse(fit, recordings, left_out, common) for fit in (pooled, alone)]
+            errors = [_left_out_rmse(fit, different, left_out, common) for fit in (pooled, alone)]
             facts["rmse"] = dict(zip(("like", "own"), (e.tolist() for e in errors), strict=True))
             if np.log(errors[1]).mean() < np.log(errors[0]).mean():
                 left_aside = "an own fit is better on the recordings that are left out in turn"
