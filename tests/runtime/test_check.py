@@ -80,6 +80,15 @@ def test_an_offset_is_found_from_three_readings_and_mended(calibration):
     assert check_calibration(calibration.at(find_zero(calibration, test)), test).holds is True
 
 
+def test_the_stated_level_nearest_to_90_is_judged_where_none_is_asked_for(calibration):
+    stated = calibration.interval
+    for levels in ([0.8], [0.8, 0.9], [0.95]):
+        widths = np.repeat(stated.half_widths[:1], len(levels), axis=0)
+        interval = replace(stated, levels=np.array(levels), half_widths=widths)
+        model = replace(calibration, interval=interval)
+        assert check_calibration(model, motion(20)).level == levels[-1]
+
+
 def test_one_joint_off_is_enough_to_fail(calibration):
     test = motion(22)
     table = test.table.assign(**{"truth/elbow": test.table["truth/elbow"] + 0.1})

@@ -96,6 +96,13 @@ def test_half_width_is_that_of_the_level_and_grows_outside_the_range(calibration
     np.testing.assert_allclose(wide.half_width, [0.003 * 1.5, 0.004 * 1.5], rtol=1e-12)
     with pytest.raises(CalibrationError, match="99"):
         Corrector(model, level=0.99)
+    few = replace(interval(), levels=np.array([0.8]), half_widths=np.array([[0.001, 0.002]]))
+    model = replace(calibration, interval=few)  # of too few trajectories for 90 %
+    for corrector in (ready(model), ready(model, level=0.8)):
+        assert corrector.step(0.0, middle) == Status.OK
+        np.testing.assert_array_equal(corrector.half_width, [0.001, 0.002])
+    with pytest.raises(CalibrationError, match="90"):
+        Corrector(model, level=0.9)
 
 
 def test_without_an_interval_the_half_width_is_infinite_and_a_level_refused(calibration):

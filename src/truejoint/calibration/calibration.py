@@ -164,6 +164,12 @@ class Calibration(Summarised):
             domain = replace(domain, **{k: v[:n] for k, v in by_name if k.startswith("signal_")})
         return replace(self, training_domain=domain, parity=None, redundant={})
 
+    @property
+    def usual_level(self) -> float:
+        """Level where none is asked for: 0.9, or the nearest that the interval states."""
+        levels: list[float] = [LEVEL] if self.interval is None else self.interval.levels.tolist()
+        return min(levels, key=lambda level: (abs(level - LEVEL), -level))
+
     def required_interval(self) -> Interval:
         """Interval that is stated; raises CalibrationError without one."""
         if self.interval is None:
@@ -309,14 +315,15 @@ class Calibration(Summarised):
         """Correct a recording into a table; raises as `correct`.
 
         Columns ``t`` [s] and ``corrected/<joint>``, and with an interval ``half_width/<joint>``
-        [rad or m], at a `level` of 0.9 by default. Raises CalibrationError for a level that the
+        [rad or m], by default at `usual_level`. Raises CalibrationError for a level that the
         calibration does not state.
         """
         rows = self.rows(recording)
         columns = {"t": rows.t}
         values = {"corrected": self.correct(rows)}
         if self.interval is not None or level is not None:
-            values["half_width"] = self.half_widths(rows, LEVEL if level is None else level)
+            stated = self.usual_level if level is None else level
+            values["half_width"] = self.half_widths(rows, stated)
         for name, array in values.items():
             columns |= {f"{name}/{joint}": array[:, k] for k, joint in enumerate(self.joints)}
         table = type(recording.table)(columns)  # a recording knows tables, a control loop does not

@@ -341,7 +341,6 @@ def worst_stretches(
     return worst.groupby("joint").head(_COUNT).drop(columns="ratio").reset_index(drop=True)
 
 
-_WANTED: Final = 0.9  # level of the band, where it is stated
 _NAMED: Final = 4  # recordings that a sentence names
 
 
@@ -357,7 +356,7 @@ def judge_interval(
     interval = calibration.interval
     if interval is None:
         return {"rows": rows}
-    level = min(map(float, interval.levels), key=lambda value: (abs(value - _WANTED), -value))
+    level = calibration.usual_level
     homings, bounds, judged = _own_homings(calibration), list[Array](), list[Recording]()
     names_of: dict[str, list[str]] = {}  # recordings, by why they are left out
     units: dict[str, list[tuple[Array, Array]]] = {}  # errors and widenings, by trajectory

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, as_calibration
-from truejoint.calibration.interval import LEVEL
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_values import Style
@@ -159,7 +158,8 @@ def source_files(
         "program": program, "is_filter": f"{guard}_FILTER_" in program.functions,
         "in_doubt": _FILES["in_doubt"][int(memory.numbers[memory.layout.fields["on_fault"].index])],
         "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
-        "prefix": prefix, "guard": guard, "level": LEVEL if level is None else level,
+        "prefix": prefix, "guard": guard,
+        "level": calibration.usual_level if level is None else level,
         "title": calibration.title, "estimator": calibration.estimator,
         "rows": _vector_rows(vectors, answers, precision), "n_vectors": len(vectors),
         "vector_offset": offset,

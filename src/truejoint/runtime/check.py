@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truejoint.calibration.calibration import Calibration, as_calibration
-from truejoint.calibration.interval import LEVEL
 from truejoint.calibration.truth_zero import find_zero, known_error
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 from truejoint.summary import json_values
@@ -101,7 +100,7 @@ def check_calibration(
         Short, of the arm as it is now; truth may be missing in most rows (one short motion with a
         sensor, a touched stop, a marker seen now and then).
     level : float, optional
-        Which interval to judge by; 0.9 by default, where the calibration has one.
+        Which interval to judge by; by default 0.9, or the nearest that the calibration states.
 
     Raises
     ------
@@ -115,8 +114,8 @@ def check_calibration(
     """
     if level is not None:
         as_calibration(calibration).required_interval().index(level)
-    level = LEVEL if level is None else level
     rows = as_calibration(calibration).rows(recording)
+    level = calibration.usual_level if level is None else level
     error, has_truth = known_error(calibration, rows)
     t, error = rows.t[has_truth], error[has_truth]
     zero = find_zero(replace(calibration, rezeroed_fit=None), rows)  # of positions as they come

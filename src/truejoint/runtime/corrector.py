@@ -84,7 +84,8 @@ class Corrector(Summarised):
         `Calibration.for_rezeroing`; until then it is the less accurate one.
     level : float, optional
         Probability of the half-width: of the model's interval or, where it has none, of the normal
-        distribution that a filter takes its error for; 0.9 by default.
+        distribution that a filter takes its error for; by default 0.9, or the nearest that the
+        model states.
     range_margin : float
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.

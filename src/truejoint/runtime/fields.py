@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conditions import CELLS, N_MOTION, N_RATE
-from truejoint.calibration.interval import LEVEL, check_level, inverse_span
+from truejoint.calibration.interval import check_level, inverse_span
 from truejoint.errors import CalibrationError, unknown
 from truejoint.layout import Layout, Memory
 from truejoint.runtime.limits import Limits
@@ -101,7 +101,7 @@ def pack(
         check_level(level)
         if not knows_deviation:
             data.required_interval()
-    level = LEVEL if level is None else level
+    level = data.usual_level if level is None else level
     fault = on_fault if isinstance(on_fault, OnFault) else OnFault(on_fault)
     speeds = {"rad": fault.speed_rad_s, "m": fault.speed_m_s}
     operation, source, parameter, slot = data.feature_set.program
