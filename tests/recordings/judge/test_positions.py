@@ -8,6 +8,7 @@ import pytest
 from tests.recordings.judge.faults import added, changed, in_all, in_first, late, named
 
 from truejoint.calibration import calibrate
+from truejoint.features import FeatureSet
 from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.join.explained import gross_outliers
 
@@ -90,6 +91,18 @@ def test_a_truth_that_follows_another_joint_is_none_of_one_that_moves(healthy, m
     other = less(healthy[0].column("truth/shoulder")) + moves * 1.0
     check = check_elbow(in_first(healthy, truth__elbow=other, measured__elbow=less))
     assert tuple(name for name in check.failures if name != "zero") == failures
+
+
+@pytest.mark.parametrize("share", [0.2, 0.35])
+def test_a_truth_behind_a_large_slack_follows(share):
+    t = 0.02 * np.arange(6000)
+    swings = np.array([0.03, 0.11, 0.19, 0.31, 0.47])
+    jaw = np.sin(2 * np.pi * np.outer(t, swings) + [0, 1, 2, 3, 4]).sum(axis=1) / 8
+    recording = Recording.from_columns({"t": t, "measured/jaw": jaw}, "davinci_grasper")
+    slack = FeatureSet.parse([f"play(measured/jaw, {share * np.ptp(jaw):.4g})"]).compute(recording)
+    columns = {"t": t, "measured/jaw": jaw, "truth/jaw": slack[:, 0]}
+    check = check_data(Recording.from_columns(columns, "davinci_grasper"))
+    assert not named(check, "arm")
 
 
 @pytest.mark.parametrize(

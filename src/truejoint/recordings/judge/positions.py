@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from truejoint.array_types import Array, Integers
+from truejoint.features import FeatureSet
 from truejoint.recordings.join.explained import (
     FEWEST,
     SLOW,
@@ -46,7 +47,8 @@ _FAR_LATER: Final = 1.5  # times as late as all together
 # Between what healthy joints show (a sixth to 1.1) and degrees for radians.
 _RATIO: Final = 7.6
 _OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
-_FOLLOWS: Final = 0.5  # rank correlation: 0.66 in the longest sheath, without a load to see
+_FOLLOWS: Final = 0.5  # rank correlation, behind the slack that suits best
+_SLACKS: Final = (0.02, 0.1, 0.2, 0.3, 0.4)  # half-widths, as shares of the range
 _LEAST_SHARE: Final = 0.05  # of the travel (or of 1 rad or m)
 _MOST_ROWS: Final = 2000
 _FARTHEST: Final = {"rad": 4.0 * math.pi, "m": 2.0}  # that a joint without limits moves
@@ -353,16 +355,31 @@ def _judge_scale(recording: Recording, joint: str, least: float) -> Iterable[Def
         rows = np.flatnonzero(truth.notna())
         rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
         pair = truth.to_numpy()[rows], reported[rows]
-        if len(rows) > 2 and (defect := _judge_pair(*pair, recording.robot.joint(joint), least)):
+        if len(rows) > 2 and (defect := _judge_pair(*pair, recording.robot.joint(joint))):
             yield defect
             return
+        if len(rows) > 2 and np.ptp(pair[0]) > 0.0 and np.ptp(_range(reported)) >= least:
+            same = _likeness(recording, joint, rows)
+            if same < _FOLLOWS:
+                what = f"the truth does not follow the measured position (correlation {same:.2f})"
+                yield Defect("fail", "arm", what, f"truth/{joint}", size=-same)
+                return
     yield from _judge_limits(recording.robot.joint(joint), *_range(reported))
 
 
-def _judge_pair(truth: Array, reported: Array, joint: Joint, least: float) -> Defect | None:
-    """Judge a truth (n,) beside the reported positions (n,), which span `least` if they move."""
-    span = float(np.ptp(_range(reported)))
-    ratio = float(np.ptp(_range(truth))) / max(span, 1e-12)
+def _likeness(recording: Recording, joint: str, rows: Integers) -> float:
+    """Best rank correlation of a truth with the measured position behind some slack."""
+    name = f"measured/{joint}"
+    span = float(np.ptp(_range(recording.column(name))))
+    slacks = FeatureSet.parse([f"play({name}, {share * span:.4g})" for share in _SLACKS])
+    ranks = rankdata(recording.column(f"truth/{joint}")[rows])
+    followed = [place for place in slacks.compute(recording)[rows].T if np.ptp(place) > 0.0]
+    return max((float(np.corrcoef(ranks, rankdata(p))[0, 1]) for p in followed), default=1.0)
+
+
+def _judge_pair(truth: Array, reported: Array, joint: Joint) -> Defect | None:
+    """Judge unit and sign of a truth (n,) beside the reported positions (n,)."""
+    ratio = float(np.ptp(_range(truth))) / max(float(np.ptp(_range(reported))), 1e-12)
     if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
         unit, display, wrong = joint.unit, display_unit(joint.unit), max(ratio, 1.0 / ratio)
         where, other = ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
@@ -375,9 +392,6 @@ def _judge_pair(truth: Array, reported: Array, joint: Joint, least: float) -> De
         if same < _OPPOSITE:
             what = f"the truth falls where the measured position rises (correlation {same:.2f})"
             return Defect("fail", "sign", what, f"truth/{joint.name}", size=-same)
-        if same < _FOLLOWS and span >= least:
-            what = f"the truth does not follow the measured position (correlation {same:.2f})"
-            return Defect("fail", "arm", what, f"truth/{joint.name}", size=-same)
     return None
 
 
