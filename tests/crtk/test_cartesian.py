@@ -105,6 +105,12 @@ def test_a_move_in_space_is_straight(lagging_arm, lagging_backend):
 def test_what_is_no_pose_or_twist_is_refused(lagging_arm):
     with pytest.raises(RobotError, match="must be 4 x 4"):
         lagging_arm.servo_cp(np.eye(3))
+    in_mm = lagging_arm.setpoint_cp()
+    in_mm[:3, 3] *= 1000.0
+    with pytest.raises(
+        RobotError, match=r"^the pose is 77.9 m from where the tool is; give it in m"
+    ):
+        lagging_arm.move_cp(in_mm)
     forceps = simulated_arm("forceps", seed=1)
     with pytest.raises(RobotError, match="servo_cp: the kinematics of forceps are not known"):
         forceps.servo_cp(np.eye(4))

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
 from truejoint.array_types import Array
+from truejoint.errors import RobotError
 from truejoint.robots.chain import rigid
 from truejoint.robots.parts import Kinematics
 
@@ -15,6 +16,7 @@ Frame = Literal["tool", "body", "spatial"]
 # strays by micrometres.
 _SPACING: Final = 2e-3
 _TURN: Final = np.deg2rad(2.0)
+_FARTHEST: Final = 10.0  # [m] that no tool goes: a pose in mm
 
 
 def pose(kinematics: Kinematics, joint: ArrayLike) -> Array:
@@ -66,6 +68,8 @@ def straight_line(kinematics: Kinematics, start: Array, goal: ArrayLike) -> Arra
     """
     first, last = pose(kinematics, start), rigid(goal)
     way = last[:3, 3] - first[:3, 3]
+    if (far := np.abs(way).max()) > _FARTHEST:
+        raise RobotError(f"the pose is {far:.3g} m from where the tool is; give it in m")
     ends = Rotation.from_matrix(np.stack([first[:3, :3], last[:3, :3]]))
     turn = float((ends[1] * ends[0].inv()).magnitude())
     n = max(1, int(np.ceil(max(np.linalg.norm(way) / _SPACING, turn / _TURN))))
