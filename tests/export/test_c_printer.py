@@ -81,6 +81,20 @@ def history(numbers: Integers, memory: Array) -> None:
 
 
 @compiled
+def move(x: Array, out: Array) -> None:
+    """Move two numbers."""
+    for i in range(2):
+        out[i] = x[i]
+
+
+@compiled
+def overlaps(numbers: Integers, memory: Array) -> None:
+    """Move numbers on by one place."""
+    x = vector(memory, numbers[X], 3)
+    move(x[0:2], x[1:3])
+
+
+@compiled
 def comprehends(numbers: Integers, memory: Array) -> None:
     """Use what no C is printed for."""
     memory[GAIN] = sum([memory[GAIN], 1.0])
@@ -159,6 +173,7 @@ def test_what_is_known_is_folded_in():
 
 def test_pointers_are_restricted_where_no_call_lets_them_overlap():
     assert "double *restrict out" in printed(products).functions
+    assert "restrict" not in printed(overlaps).functions
 
 
 def test_single_precision_has_float_constants():

@@ -14,7 +14,7 @@ from tests.runtime.streams import faulty, ready
 import truejoint
 from truejoint.errors import ExportError, ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
-from truejoint.export.export_c import check_prefix, comment, export_c, table
+from truejoint.export.export_c import _named, check_prefix, comment, export_c, table
 from truejoint.runtime import Status, Unlearnt
 
 from .export_models import PLAIN, calibration, recording
@@ -104,6 +104,8 @@ def test_vectors_hold_every_status_and_the_header_explains_them(tmp_path):
     assert np.bitwise_or.reduce(statuses) == ~(Status.WRONG_SIZE | Status.OTHER_THREAD)
     assert np.bitwise_or.reduce(unlearnt) == ~Unlearnt.LEARNT
     assert (statuses == 0).sum() > 100
+    offset = re.search(r"vector_offset\[\d\] = \{(.*)\}", text)[1]  # or re-zeroing showed nothing
+    assert all(float(value) for value in offset.split(","))
     header = (tmp_path / "m.h").read_text()
     for status in set(Status) - {Status.WRONG_SIZE, Status.OTHER_THREAD}:
         assert re.search(rf"M_{status.name} = {int(status)},? /\* \w.*\w \*/", header)
@@ -173,6 +175,12 @@ def test_numbers_are_exact(precision, width, data):
     got = got if precision == "double" else float(np.float32(got))
     np.testing.assert_array_equal(got, value)
     assert math.isnan(value) or math.copysign(1, got) == math.copysign(1, value)
+
+
+def test_names_that_would_be_one_in_c_are_numbered():
+    named = _named(("measured/a_b", "measured_a/b", "effort/a"), str)
+    identifiers = ["MEASURED_A_B_0", "MEASURED_A_B_1", "EFFORT_A"]
+    assert [each["identifier"] for each in named] == identifiers
 
 
 @given(st.text())
