@@ -1,6 +1,7 @@
 """What recordings cover, what their origins say, and rows that a model has not seen."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -12,6 +13,7 @@ from tests.recordings.refusals import refused
 from truejoint.features import FeatureSet
 from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.judge.data_check import joint_coverage
+from truejoint.recordings.read.bags.container import CUT_SHORT
 from truejoint.robots import Joint, Robot
 
 
@@ -58,11 +60,12 @@ def test_one_direction_rest_and_holes_are_found():
 
 
 def test_dropped_rows_and_two_homings_are_told(recording_of):
-    recording = recording_of("davinci_grasper", dropped={"in a gap": 200, "before truth": 0})
+    lost = {"in a gap": 200, "before truth": 0, CUT_SHORT: 10**6}
+    recording = recording_of("davinci_grasper", dropped=lost)
     homings = [recording_of("davinci_grasper", homing_id=h) for h in ("a", "b")]
     assert named(check_data(homings), "homing")[0].what == "2 homings (a, b)"
     (finding,) = named(check_data([recording]), "dropped")
-    assert finding.what.endswith("read: 200 in a gap")
+    assert re.fullmatch(f"200 rows .* read: 200 in a gap, 1000000 {CUT_SHORT}", finding.what)
     assert finding.level == "warn"
 
 

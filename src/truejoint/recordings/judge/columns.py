@@ -28,7 +28,8 @@ def judge_columns(
     yield from _clock(recording.t)
     counts = recording.provenance.dropped.items()  # without truth a row is kept
     dropped = {why: n for why, n in counts if not why.startswith(("truth: ", "no truth: "))}
-    if total := sum(dropped.values()):
+    if dropped:
+        total = sum(n for why, n in dropped.items() if not why.startswith("bytes "))
         share = total / (total + len(recording))
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
         which = f"{plural(total, 'row')} ({100 * share:.2g} %)"

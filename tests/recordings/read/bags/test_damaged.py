@@ -125,6 +125,17 @@ def test_values_of_another_kind_in_a_table_are_counted(tmp_path, spoilt):
     assert found.provenance.dropped[DAMAGED] == 2
 
 
+def test_what_is_left_of_tables_cut_short_is_read(tmp_path):
+    path = tmp_path / "run.db3"
+    tables(path, rows=[MESSAGE] * 3000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert 1000 < len(read_bag(path, "davinci_grasper")) < 2000
+    for topics in (bag_topics, read_bag):
+        path.write_bytes(whole[:4000])
+        refused(r"run.db3.*: no topic in it can be read; is it cut short", topics, path)
+
+
 def test_a_folder_in_the_folder_of_a_bag_is_no_part_of_it(tmp_path):
     folder = tmp_path / "run"
     (folder / "plots").mkdir(parents=True)

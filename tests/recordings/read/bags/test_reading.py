@@ -381,9 +381,9 @@ def test_what_is_not_there_is_said_in_one_line(bag, how, said):
     [
         (b"t,measured/jaw\n1,2\n", "is no bag"),
         (b"#ROSBAG V1.2\n" + bytes(40), "is ROSBAG V1.2"),
-        (b"#ROSBAG V2.0\n", "which robot is it"),
-        (b"SQLite format 3\x00" + bytes(100), "which robot is it"),
-        (b"\x89MCAP0\r\n" + b"\xff" * 40, "which robot is it"),
+        (b"#ROSBAG V2.0\n", "no topic in it can be read"),
+        (b"SQLite format 3\x00" + bytes(100), "no topic in it can be read"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 40, "no topic in it can be read"),
     ],
 )
 def test_no_bag_is_said_in_one_line(tmp_path, content, said):

@@ -331,7 +331,7 @@ Bags = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 def bag_topics(bags: Bags) -> dict[str, tuple[str, int]]:
     """Topics of bags: the type of each, and how many messages it has in all of them.
 
-    Raises RecordingError if one is no bag.
+    Raises RecordingError if one is no bag, or none has a topic.
 
     Examples
     --------
@@ -344,6 +344,8 @@ def bag_topics(bags: Bags) -> dict[str, tuple[str, int]]:
         for topic, count in list_topics(path).items():
             before = topics.get(topic.name, ("", 0))[1]
             topics[topic.name] = messages.message_type(topic.type), before + count
+    if not topics:
+        raise RecordingError(f"{path}: no topic in it can be read; is it cut short or damaged?")
     return topics
 
 

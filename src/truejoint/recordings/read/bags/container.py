@@ -413,6 +413,7 @@ def _tables(bag: _Bag) -> Iterator[sqlite3.Connection]:
 def _sqlite_topics(base: sqlite3.Connection, bag: _Bag) -> None:
     """Take the topics of a bag, all of it of plain tables: nothing that a file defines is run."""
     base.execute("PRAGMA trusted_schema = OFF")
+    base.execute("PRAGMA writable_schema = ON")  # opened to read; else what is cut short is refused
     tables = {name for (name,) in base.execute(_PLAIN_TABLES)}
     if not {"topics", "messages"} <= tables:
         raise RecordingError(
