@@ -143,11 +143,10 @@ def _shifted(
     gap_limit = BRIDGED_STEPS * float(np.median(np.diff(truth.t)))
     shifted = replace(truth, t=truth.t + offset)
     columns, counts = synchronise(Stream(recording.t, {}), shifted, gap_limit)
-    units = {n: recording.units["measured" + n.removeprefix("truth")] for n in truth.columns}
     columns = {name: recording.column(name) for name in ("t", *recording.units)} | columns
-    units, origin = {**recording.units, **units}, recording.provenance
+    origin, units, robot = recording.provenance, recording.units, recording.robot
     # Arrays of the other recording, and new ones.
-    joined = Recording.from_columns(columns, origin, units, robot=recording.robot, copy=False)
+    joined = Recording.from_columns(columns, origin, units, robot=robot, copy=False)
     return joined, counts
 
 

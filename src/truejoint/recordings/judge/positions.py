@@ -49,7 +49,7 @@ _RATIO: Final = 7.6
 _OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
 _FOLLOWS: Final = 0.5  # rank correlation, behind the slack that suits best
 _SLACKS: Final = (0.02, 0.1, 0.2, 0.3, 0.4)  # half-widths, as shares of the range
-_LEAST_SHARE: Final = 0.05  # of the travel (or of 1 rad or m)
+_LEAST_MOTION: Final = {"rad": 0.05, "m": 0.01}  # that no slack hides
 _MOST_ROWS: Final = 2000
 _FARTHEST: Final = {"rad": 4.0 * math.pi, "m": 2.0}  # that a joint without limits moves
 _SLACK: Final = 0.1  # of the travel between limits
@@ -72,9 +72,13 @@ def judge_positions(
         if defect.name in ("wrap", "frozen", "saturated")
     }
     marked = [pair for pair in columns if pair[0].name == "stop"]
-    least = {joint: _least_motion(recordings, joint) for joint in joints}
-    pairs = itertools.product(joints, recordings)
-    scales = [(d, r, joint) for joint, r in pairs for d in _judge_scale(r, joint, least[joint])]
+    scales = [
+        (defect, recording, joint)
+        for joint in joints
+        for widest in [max(np.ptp(_range(r.column(f"measured/{joint}"))) for r in recordings)]
+        for recording in recordings
+        for defect in _judge_scale(recording, joint, float(widest))
+    ]
     marked += [(defect, recording) for defect, recording, _ in scales]
     broken |= {(id(r), joint) for defect, r, joint in scales if defect.level == "fail"}
     judged = {joint: [r for r in recordings if (id(r), joint) not in broken] for joint in joints}
@@ -340,15 +344,7 @@ def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
     return Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
 
 
-def _least_motion(recordings: Sequence[Recording], joint: str) -> float:
-    """Range of a joint [rad or m] from which on its truth must follow; a slack may hide less."""
-    limits = recordings[0].robot.joint(joint)
-    travel = limits.upper - limits.lower
-    most = max(np.ptp(_range(r.column(f"measured/{joint}"))) for r in recordings)
-    return max(_LEAST_SHARE * (travel if math.isfinite(travel) else 1.0), 0.5 * float(most))
-
-
-def _judge_scale(recording: Recording, joint: str, least: float) -> Iterable[Defect]:
+def _judge_scale(recording: Recording, joint: str, widest: float) -> Iterable[Defect]:
     """Judge unit, sign, likeness and limits, the first that is wrong: each upsets the next."""
     reported, truth = recording.column(f"measured/{joint}"), recording.table.get(f"truth/{joint}")
     if truth is not None:
@@ -358,6 +354,7 @@ def _judge_scale(recording: Recording, joint: str, least: float) -> Iterable[Def
         if len(rows) > 2 and (defect := _judge_pair(*pair, recording.robot.joint(joint))):
             yield defect
             return
+        least = max(_LEAST_MOTION[recording.robot.joint(joint).unit], 0.5 * widest)
         if len(rows) > 2 and np.ptp(pair[0]) > 0.0 and np.ptp(_range(reported)) >= least:
             same = _likeness(recording, joint, rows)
             if same < _FOLLOWS:

@@ -80,8 +80,7 @@ def read_mat(data: bytes, source: str) -> dict[str, Array]:
     names `source` says if it is damaged, of version 7.3 (HDF5), or unpacks to more than is read.
     """
     if data[:8] == b"\x89HDF\r\n\x1a\n" or b"HDF5 schema" in data[:_HEADER_BYTES]:
-        why = "is HDF5, as a version 7.3 MAT file is"
-        raise RecordingError(f"{source}: {why}; save it with -v7 or as CSV instead")
+        raise RecordingError(f"{source}: is HDF5, as version 7.3 MAT files are; save it with -v7")
     try:
         with warnings.catch_warnings(action="error"):
             if b"\0" not in data[:4]:

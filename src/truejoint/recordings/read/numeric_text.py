@@ -47,10 +47,9 @@ class NumericTable(NamedTuple):
 def read_numbers(path: Path, layout: TextLayout, use: Sequence[int]) -> NumericTable:
     """Columns `use` of a text file of numbers, or of one in gzip; any of these may be empty.
 
-    A last line without an end and with too few numbers is what an interrupted recorder leaves
-    behind: it is left out and counted. A RecordingError names line, column and text of any field in
-    `use` that is not a number, a line with too many or too few fields, or says that the file holds
-    too much.
+    A last line without an end and with too few numbers is what an interrupted recorder leaves: it
+    is left out and counted. A RecordingError names line, column and text of any of these that is no
+    number, a line with too many or too few fields, or says that the file holds too much.
     """
     wanted = sorted({*use})
     pieces: list[Array] = []
@@ -112,11 +111,7 @@ class _Piece(NamedTuple):
     text: bytes
     number: int
     skip: int
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it is a last line without an end, which may be cut short."""
-        return not self.text.endswith((b"\n", b"\r"))
+    is_open: bool  # a last line without an end, which may be cut short
 
 
 def _pieces(file: "io.BufferedReader[BoundedFile]", layout: TextLayout) -> Iterator[_Piece]:
@@ -130,8 +125,8 @@ def _pieces(file: "io.BufferedReader[BoundedFile]", layout: TextLayout) -> Itera
             parts = re.split(rb"\r\n|\r|\n", text)
             text = b"\n".join(b" ".join(line.split()) for line in parts)
         end = max(text.rfind(b"\n"), text.rfind(b"\r")) + 1
-        for part in filter(None, (text[:end], text[end:])):
-            yield _Piece(part, number, skip)
+        for part, is_open in ((text[:end], False), (text[end:], True)):
+            yield _Piece(part, number, skip, is_open)
             lines = part.count(b"\n") or part.count(b"\r")
             number, skip = number + lines, max(0, skip - lines)
 
@@ -169,9 +164,8 @@ def _parse_by_line(
         except RecordingError as error:
             if piece.is_open and after_rows and len(fields) <= layout.columns:
                 return np.empty((0, len(wanted))), 1
-            raise RecordingError(
-                f"{path}: line {number}{error}; repair or remove the line"
-            ) from None
+            where = f"{path}: line {number}"
+            raise RecordingError(f"{where}{error}; repair or remove the line") from None
     return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), 0
 
 
