@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 import truejoint
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
+from truejoint.runtime import ErrorModel
 
 
 def test_a_recording_that_leaves_the_arm_to_the_robot_has_that_arms_model():
@@ -15,6 +17,9 @@ def test_a_recording_that_leaves_the_arm_to_the_robot_has_that_arms_model():
     recording = Recording.from_columns(columns, "raven2")
     model = truejoint.calibration.learn_error_model(recording, "linear")
     assert (model.robot, model.arm) == ("raven2_true", "left")
+    for noise in (5, {}, {"elbow": [1.0]}, {"elbow": ["a", 1.0]}, {"elbow": [-1e-3, 1.0]},
+                  {"elbow": [1e-3, 0.0]}):  # fmt: skip
+        refused("want a size of at least 0", ErrorModel, model.with_metadata(noise=noise))
     np.testing.assert_allclose(model.metadata["noise"]["elbow"][0], 0.0, atol=1e-9)
 
 

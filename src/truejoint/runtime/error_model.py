@@ -15,9 +15,23 @@ NOISE: Final = "noise"  # in the metadata of an error model, and of no other cal
 
 
 def inputs_and_noise(model: Calibration) -> tuple[list[int], Array, Array]:
-    """Give the joints that an error model takes, and sizes and times (n_joints,) of its noise."""
+    """Give the joints that an error model takes, and sizes and times (n_joints,) of its noise.
+
+    Raises CalibrationError unless its metadata state both of each joint, the time above 0.
+    """
     names = [signal.partition("/")[2] for signal in model.loop_signals]
-    size, time = np.array([model.metadata[NOISE][joint] for joint in model.joints]).T
+    noise = model.metadata[NOISE]
+    try:
+        table = np.array([noise[joint] for joint in model.joints], dtype=float)
+        size, time = table.reshape(len(model.joints), 2).T
+    except (KeyError, TypeError, ValueError):
+        size, time = np.full((2, len(model.joints)), math.nan)
+    if not ((size >= 0.0) & (size < math.inf) & (time > 0.0)).all():
+        joints = ", ".join(model.joints)
+        raise CalibrationError(
+            f"noise {noise!r:.60} of {model.title}: want a size of at least 0 [rad or m] and a "
+            f"time above 0 [s] for each of {joints}; make the model with learn_error_model"
+        )
     return [model.joints.index(name) for name in names], size, time
 
 
