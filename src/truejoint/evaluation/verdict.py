@@ -169,7 +169,7 @@ def _checked_tolerance(tolerance: Mapping[str, float], joints: Sequence[str]) ->
 def _rule(verdicts: Sequence[JointVerdict]) -> str:
     rest = (
         "its RMSE is below those of the raw position and of the fixed offset, and no simpler model "
-        "is closer beyond chance (95 %, over stretches longer than the error keeps its memory)"
+        "is closer beyond chance (95 %, over stretches longer than its correlation time)"
     )
     others = [v.joint for v in verdicts if not v.stated]
     if len(others) == len(verdicts):

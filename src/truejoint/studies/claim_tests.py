@@ -25,9 +25,9 @@ Pick = Mapping[str, Any] | Sequence[Mapping[str, Any]] | float | Callable[..., A
 NEAR: Final = 1.5
 """Factor within which an error is as a paper prints it."""
 RULE: Final = (
-    f"A claim holds, or does not, at {100 * LEVEL:.0f} % by Student's t over the repetitions, "
-    "shared among its comparisons where one of them speaks against it; one repetition tells "
-    "nothing."
+    f"A claim holds, or does not, at {100 * LEVEL:.0f} % by Student's t over the repetitions. "
+    "If one of its comparisons speaks against it, the level is shared among all of them. One "
+    "repetition tells nothing."
 )
 _SHOWN: Final = 4  # comparisons at most that a text gives
 

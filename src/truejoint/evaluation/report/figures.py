@@ -360,7 +360,7 @@ def residuals(evaluation: Evaluation, models: Sequence[str] = ()) -> Iterator[Fi
         )
         if models:
             most = _POINTS // len(models)
-            of = f"error [{unit.name}] against position, a panel a model"
+            of = f"error [{unit.name}] against position, one panel for each model"
         caption = (
             f"{joint}: {of}. Dots are rows, blue while the joint moves up and orange while it "
             "moves down; lines are medians, bands hold the middle 90 %."

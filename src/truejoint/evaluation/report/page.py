@@ -176,7 +176,7 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
     for joint, names in product(together.joints, combinations(alone, 2)):
         own, other = ([together.error(name, joint)[part] for part in parts] for name in names)
         found = compare(own, other, least)
-        pairs.append([joint, names[0], found.outcome, names[1], str(found.stretches)])
+        pairs.append([joint, *names, found.outcome, str(found.stretches)])
     verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}
     objections = [v.text for v in verdicts.values() if v.objections]
     deploy = together.verdict.deploy
@@ -194,7 +194,7 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
         level="fail" if objections else level,
         sentence=objections[0] if objections else together.verdict.advice,
         rule=next(iter(verdicts.values())).rule,
-        pairs=DataFrame(pairs, columns=["joint", "model", "is", "than", "stretches"]),
+        pairs=DataFrame(pairs, columns=["joint", "model", "against", "result", "stretches"]),
         origins={name: evaluation.training for name, evaluation in alone.items()},
         facts=facts(together, f"{len(alone)} models"),
         command=command,
