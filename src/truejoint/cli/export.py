@@ -1,6 +1,7 @@
 """`truejoint export`: C99, ONNX or a ROS package of a calibration, a bag of a recording."""
 
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -16,7 +17,7 @@ from truejoint.units import with_unit
 
 def export(
     name: str,
-    kind: Literal["c", "onnx", "ros", "bag", "simulator", "urdf"],
+    kind: Literal["c", "onnx", "ros", "bag", "simulator", "urdf", "scaled-urdf"],
     output: Path,
     precision: Literal["double", "float"] = "double",
     prefix: str | None = None,
@@ -25,7 +26,6 @@ def export(
     compensate: bool = False,
     profile: str = "",
     urdf: Path | None = None,
-    scale: bool = False,
     force: bool = False,
 ) -> Result:
     """Write a calibration as C99 (c), a ROS package (ros) or an ONNX graph (onnx).
@@ -34,20 +34,20 @@ def export(
     package, for catkin and ament, is a node around it. The ONNX graph holds the regressor alone.
     With --to bag, write a recording as a ROS bag of CRTK's topics; with --to simulator, learn from
     a recording with truth what the robot reports of true positions, and write that as C99. With
-    --to urdf, write your URDF (--urdf) with the calibration's fixed offsets in its joints.
+    --to urdf, write your URDF (--urdf) with the calibration's fixed offsets in its joints; with
+    --to scaled-urdf, with each joint's scale as well, as a joint behind it that mimics it.
     """
     stated = {"level": options.share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
-    values = {"profile": profile or None, "prefix": prefix, "urdf": urdf, "scale": scale or None}
+    values = {"profile": profile or None, "prefix": prefix, "urdf": urdf}
     if kind in _OF_ONE_OPTION:
         option, write_one = _OF_ONE_OPTION[kind]
         value = values.pop(option)
-        more = {"scale": bool(values.pop("scale"))} if kind == "urdf" else {}
         if how or compensate or {*values.values()} != {None} or precision != "double":
             raise ExportError(f"--to {kind} takes --{option}; leave other options out")
-        written: Result = write_one(name, output, value, force=force, **more)
+        written: Result = write_one(name, output, value, force=force)
         return written
-    for word, of in {"profile": "bag", "urdf": "urdf", "scale": "urdf"}.items():
+    for word, of in {"profile": "bag", "urdf": "urdf"}.items():
         if values[word] is not None:
             raise ExportError(f"--{word} is for --to {of}; leave it out")
     if compensate and kind != "c":
@@ -86,7 +86,9 @@ def _export_bag(name: str, output: Path, profile: str | None, *, force: bool) ->
     return Result({"files": [str(output)]})
 
 
-def _export_urdf(name: str, output: Path, urdf: Path | None, *, scale: bool, force: bool) -> Result:
+def _export_urdf(
+    name: str, output: Path, urdf: Path | None, *, scale: bool = False, force: bool
+) -> Result:
     """Write a URDF with a calibration's fixed offsets, and its scales if wanted."""
     if urdf is None:
         raise ExportError("--to urdf needs --urdf, the URDF that is to have the offsets")
@@ -132,5 +134,5 @@ def _write_graph(
 
 _OF_ONE_OPTION: Final[Any] = {
     "bag": ("profile", _export_bag), "simulator": ("prefix", _export_error_model),
-    "urdf": ("urdf", _export_urdf),
+    "urdf": ("urdf", _export_urdf), "scaled-urdf": ("urdf", partial(_export_urdf, scale=True)),
 }  # fmt: skip  # what else is written: the one option that it takes, and what writes it
