@@ -5,7 +5,9 @@ import pytest
 from tests.conftest import homed
 
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
+from truejoint.crtk.arm import joint_efforts
 from truejoint.errors import CommandRefused
+from truejoint.robots import get_robot
 from truejoint.simulation import make_twin
 
 LAG = 0.02  # of the lagging back end [s]
@@ -184,3 +186,6 @@ def test_tool_pose_is_in_the_frame_of_the_topics(lagging_arm):
 def test_a_robot_that_states_no_effort_has_none():
     arm = homed(SimulatedBackend(make_twin("forceps", seed=1)))
     assert arm.measured_js().effort.shape == (0,)
+    robot, rows = get_robot("bros"), np.array([[1.0, 2.0]])  # whose efforts are on the joints
+    block = StateBlock(np.zeros(1), robot.channels, *[rows] * 6)
+    np.testing.assert_array_equal(joint_efforts(robot, block), rows)
