@@ -20,6 +20,7 @@ from truejoint.calibration.rows import shift_signals
 from truejoint.calibration.truth_zero import CORRELATION_MARGIN, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork
+from truejoint.estimators.family import evaluate
 from truejoint.recordings import Recording
 
 FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
@@ -47,6 +48,25 @@ def linear(recording) -> Calibration:
 @pytest.fixture(scope="module")
 def remembering(recording) -> Calibration:
     return calibrate(recording, "rich_play", features=FEATURES)
+
+
+def test_rows_are_predicted_once_for_every_zero_of_a_fit(build, linear, monkeypatch):
+    recording, calls = build(300, 4), []
+    other = replace(
+        calibrate(build(300, 5), "linear", features=FEATURES), gap_limit=linear.gap_limit
+    )
+    fresh = [each.shifted(np.full(3, 0.1)).correct(recording) for each in (linear, other)]
+
+    def counted(*args):
+        calls.append(args)
+        return evaluate(*args)
+
+    monkeypatch.setattr("truejoint.calibration.calibration.evaluate", counted)
+    rows = linear.rows(recording)
+    for each, expected in zip((linear, other), fresh, strict=True):
+        judged_error(each, rows, 1.0)
+        assert each.shifted(np.full(3, 0.1)).correct(rows).tobytes() == expected.tobytes()
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize("estimator", ["linear", SMALL], ids=str)

@@ -301,11 +301,15 @@ class Calibration(Summarised):
         """
         rows = self.rows(recording)
         n_joints = len(self.joints)
-        if self.family.row is None:
+        last = rows.last_prediction
+        if last and last[0][0] is self.fitted:  # at another zero
+            predicted = last[0][1]
+        elif self.family.row is None:
             predicted = self.model.evaluate(rows.X, rows.dt)
         else:
             memory = self.family.memory(self.fitted, len(self.feature_set), n_joints)
             predicted = evaluate(self.family, memory, rows.X, rows.dt, n_joints)
+        last[:] = [(self.fitted, predicted)]
         predicted = predicted + self.output_shift
         return predicted if self.target == "position" else rows.measured + predicted
 

@@ -804,11 +804,11 @@ def validate_zeros(
         if len(training) < 2:
             continue
         say(number / len(left_out), f"Judging a zero for each recording without {fold.name}")
-        errors: list[list[Array]] = [[], [], []]  # with one zero, with one for each, as it comes
+        errors: list[list[Array]] = [[], [], []]  # with one for each, with one zero, as it comes
         try:
             pair = fit_pair(training)
             for part in (parts[index] for index in fold.recordings):
-                for fit, of_fit in zip(pair, errors, strict=False):
+                for fit, of_fit in zip(pair[::-1], errors, strict=False):
                     error, rows = judged_error(fit, part, stretch)
                     of_fit.append(error)
                 errors[2].append(known_error(pair[0], part)[0][rows])
@@ -816,7 +816,7 @@ def validate_zeros(
             continue
         judged.append(fold.name)
         squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in errors])
-        shared, separate, unmoved = np.moveaxis(np.array(squares), 1, 0)
+        separate, shared, unmoved = np.moveaxis(np.array(squares), 1, 0)
         shared = np.minimum(shared, unmoved)
         ratios = log_ratio(separate, shared)
         means = ratios.mean(axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.compatibility import source_of
 from truejoint.errors import CalibrationError
-from truejoint.estimators.family import Target
+from truejoint.estimators.family import EstimatorData, Target
 from truejoint.features.feature_set import FeatureSet, time_steps
 
 if TYPE_CHECKING:
@@ -102,6 +102,11 @@ class Rows:
     def error(self) -> Array:
         """Truth minus measured position (n, n_joints) [rad or m]."""
         return self._visible(self.recording.error(self.joints))
+
+    @cached_property
+    def last_prediction(self) -> list[tuple[EstimatorData, Array]]:
+        """The estimator that saw these rows last, and its predictions (n, n_joints); or empty."""
+        return []
 
     def _visible(self, values: Array) -> Array:
         if self.zero is not None:
