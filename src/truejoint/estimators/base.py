@@ -34,6 +34,7 @@ _LEARNT: Final = ContextVar[dict[str, dict[str, Any]] | None]("_LEARNT", default
 @contextmanager
 def shared_fits() -> Iterator[None]:
     """Context in which what was fitted to the same rows with the same parameters is not again."""
+    np.empty(30 << 20, np.uint8)  # freed, it makes malloc keep what trees free
     token = _LEARNT.set({})
     try:
         yield
@@ -128,7 +129,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         if learnt is not None:
             asked = type(self), self.get_params(deep=False), self.single_output_
             with suppress(Exception):  # a regressor of others that cannot be written
-                key = joblib.hash((asked, inputs, targets, steps, self._loads))
+                key = joblib.hash((asked, inputs, targets, steps, self._loads), "sha1")
         if learnt is not None and key in learnt:
             self.__dict__.update(learnt[key])
         else:

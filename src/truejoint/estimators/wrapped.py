@@ -93,7 +93,6 @@ class WrappedRegressor(JointRegressor):
     def check_params(self) -> None:
         """Raise CalibrationError if it is no regressor."""
         regressor = self.regressor
-        what = f"{regressor!r:.60}".splitlines()[0]
         if isinstance(regressor, type):
             raise CalibrationError(
                 f"{regressor.__name__} is a class; give an estimator made from it, as "
@@ -101,13 +100,13 @@ class WrappedRegressor(JointRegressor):
             )
         # Some have a method only once they are fitted; their classes have it before.
         kinds = type(regressor), type(_last(regressor))
+        wrong = ""
         if not all(hasattr(kind, name) for kind in kinds for name in ("fit", "predict")):
-            raise CalibrationError(
-                f"{what} is no estimator; give a name, or a regressor with fit and predict"
-            )
-        kind = getattr(_tags(regressor), "estimator_type", None)
-        if kind not in (None, "regressor"):
-            raise CalibrationError(f"{what} is a {kind}; give a regressor")
+            wrong = "no estimator; give a name, or a regressor with fit and predict"
+        elif (kind := getattr(_tags(regressor), "estimator_type", None)) not in (None, "regressor"):
+            wrong = f"a {kind}; give a regressor"
+        if wrong:  # scikit-learn takes a millisecond to describe a regressor
+            raise CalibrationError(f"{repr(regressor)[:60].splitlines()[0]} is {wrong}")
 
     def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
         """Predict (n, n_outputs) for finite rows `X` (n, k); CalibrationError if it cannot."""

@@ -126,13 +126,13 @@ def unlikelihood(
     scaled = X * np.exp(-theta[:k])
     bells = math.exp(theta[k]) * _bells(scaled, scaled)
     covariance = bells.copy()
-    covariance[np.diag_indices_from(covariance)] += math.exp(theta[k + 1])
+    np.fill_diagonal(covariance, covariance.diagonal() + math.exp(theta[k + 1]))
     if together is not None:
         covariance += math.exp(theta[k + 2]) * together
-    factor = scipy.linalg.cholesky(covariance, lower=True)
-    solved = scipy.linalg.cho_solve((factor, True), y)
-    lower = np.tril(scipy.linalg.lapack.dpotri(factor, lower=1)[0])
-    inverse = lower + np.tril(lower, -1).T
+    factor = scipy.linalg.cholesky(covariance, lower=True, check_finite=False)
+    solved = scipy.linalg.cho_solve((factor, True), y, check_finite=False)
+    lower = scipy.linalg.lapack.dpotri(factor, lower=1)[0]
+    inverse = np.where(np.tri(len(y), dtype=bool), lower, lower.T)
     value = 0.5 * (y @ solved + len(y) * math.log(2.0 * math.pi)) + np.log(np.diag(factor)).sum()
     slope = 0.5 * (inverse - np.outer(solved, solved))  # of the value, by the covariance
     by_bell = slope * bells
@@ -157,7 +157,8 @@ def _weights(scaled: Array, y: Array, history: Integers, some: Integers, kernel:
         bells = _bells(scaled[rows], points)
         total += bells.T @ bells
         right += bells.T @ y[rows]
-        np.add.at(sums, history[rows], bells)
+        for number in np.unique(history[rows]):
+            sums[number] = np.vstack([sums[number], bells[history[rows] == number]]).sum(axis=0)
     if kernel.zero:
         shares = 1.0 / (np.bincount(history) + kernel.noise / kernel.zero)
         total -= sums.T @ (shares[:, None] * sums)

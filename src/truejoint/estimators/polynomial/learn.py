@@ -317,7 +317,7 @@ def cross_validated(
         progress((place + 1) / len(weights))
     flat = errors.reshape(-1, n_outputs)
     chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
-    fits = [solutions(whole, trial, n_outputs, penalties) for trial in weights]
+    fits = {place: solutions(whole, weights[place], n_outputs, penalties) for place in set(chosen)}
     columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
     return PenalisedFit(np.array(columns).T, np.array(penalties)[penalty], chosen, flat.min(axis=0))
 
