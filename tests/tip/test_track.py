@@ -150,11 +150,29 @@ def test_touched_points_stand_in_for_the_bases_pose(clean) -> None:
     assert found.base_sd[3:].max() < 1e-4
 
 
+@pytest.mark.parametrize("fault", ["mistyped", "swapped", "scaled", "left-handed"])
+def test_touched_points_that_do_not_fit_each_other_are_refused(fault: str) -> None:
+    points = np.array([[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [-0.1, 0.05, -0.1]])
+    theirs = points @ BASE[:3, :3].T + BASE[:3, 3]
+    theirs += 2e-4 * np.random.default_rng(0).standard_normal(theirs.shape)
+    Registration(touched=tuple(map(Touched, points, theirs)), touched_sd=2e-4)
+    wrong = {
+        "mistyped": theirs + np.eye(4)[:, :1] * [3e-3, 0, 0],
+        "swapped": theirs[[1, 0, 2, 3]],
+        "scaled": 1.02 * theirs,
+        "left-handed": theirs * [1, 1, -1],
+    }[fault]
+    with pytest.raises(CalibrationError, match=r"are \d.* mm apart .*touched_sd_mm says 0\.200"):
+        Registration(touched=tuple(map(Touched, points, wrong)), touched_sd=2e-4)
+
+
 def test_bad_tracks_are_one_line_each(clean) -> None:
     (robot, _, track), known = clean, stated()
     swapped = track.position.copy()
     swapped[len(swapped) // 2 :] += 0.03
     mirrored = track.position * [1.0, 1.0, -1.0]
+    quaternion = known.base.quaternion[[3, 0, 1, 2]]  # w first
+    turned = replace(known, base=known.base._replace(quaternion=quaternion))
     cases = [
         (replace(track, position=1e3 * track.position), known, (), None, "--unit mm"),
         (replace(track, position=mirrored), Registration(), (), 0.0, "left-handed"),
@@ -163,6 +181,7 @@ def test_bad_tracks_are_one_line_each(clean) -> None:
         (track, known, ROBOT.joint_names[:4], None, "tells 1 to 3 joints"),
         (track, Registration(marker=Marker("knee")), (), None, "no joint called 'knee'"),
         (track, known, ("roll",), None, "stand still"),
+        (track, turned, (), 0.0, "zero of insertion would be further.*x, y, z, w"),
     ]
     for bad, registration, joints, offset, said in cases:
         with pytest.raises((CalibrationError, RobotError), match=said) as told:
@@ -234,6 +253,19 @@ def test_markers_confused_for_long_are_refused_with_when(clean) -> None:
         tracked_truth(robot, track, stated(), offset=0.0)
     times = re.findall(r"jump at ([\d.]+), ([\d.]+) s", str(told.value))
     assert [float(t) for t in times[0]] == pytest.approx((begin, end), abs=0.6)
+
+
+@pytest.mark.parametrize("millimetres", [0.7, 2.0])
+def test_a_marker_that_slips_is_refused_with_when(clean, millimetres: float) -> None:
+    robot, whole, track = clean
+    joint = whole.columns("measured", ROBOT.joint_names)
+    joint[:, :3] = whole.columns("truth", JOINTS)
+    slipped, points = MARKER.copy(), track.position.copy()
+    slipped[:3, 3] += 1e-3 * millimetres * np.array([0.6, 0.0, 0.8])
+    half = len(track) // 2
+    points[half:] = CLEAN.see(CARRIER, whole.t, joint, BASE, slipped, 1)[1][half:]
+    with pytest.raises(CalibrationError, match=r"the marker slips at 40\.\d s, by [01]\."):
+        tracked_truth(robot, replace(track, position=points), stated(), offset=0.0)
 
 
 TOML = """

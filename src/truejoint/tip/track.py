@@ -16,6 +16,7 @@ from typing import Annotated, Final, NamedTuple
 import numpy as np
 from scipy.signal import medfilt
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from truejoint import schema
 from truejoint.array_types import Array, Integers, Mask
@@ -52,7 +53,7 @@ from truejoint.tip.fit import (
 )
 from truejoint.tip.terms import TRACKED, TRACKED_ZERO, Terms
 from truejoint.toml_file import read_toml
-from truejoint.units import display_unit
+from truejoint.units import display_unit, with_unit
 
 # A joint that moves less is held: its motor shows its cable, and no motion of the tool.
 _HELD: Final = {"rad": 0.1, "m": 5e-3}
@@ -63,16 +64,18 @@ _FEWEST: Final = 50  # readings of the recording's time
 _MOST_READINGS: Final = 4000  # that the fit takes, spread over the motion
 _ROUNDS: Final = 3  # of taking rows anew after the delay is estimated
 _PARTS: Final = 20  # of the motion, whose differences give the covariance
+_BY_CHANCE: Final = 1e-4  # that touched points lie so far off each other
 _MIRROR: Final = 0.25  # share of the residual that is left when the points are mirrored
 _UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point
 _MOST_STRAYS: Final = 1 / 3
+_FARTHEST: Final = 4.0  # of a zero's prior deviation
 _FINEST: Final = 1e-4  # m, noise below which what no correction follows would pass for strays
 _MOST_NOISE: Final = 0.1  # share of the tool's way
 _RUN: Final = 11  # readings, of which six stray where a stretch does
 _ALIKE: Final = 0.1  # of their distance by which readings of another marker may differ
 _SHOWN: Final = 3  # stretches or jumps in a message
-_JUMP: Final = 10.0  # deviations of a single reading, by which the next ones are elsewhere
+_JUMP: Final = 10.0  # deviations of a reading or of parts, by which later ones are elsewhere
 _SMOOTH: Final = 2.0  # times that deviation, by which they are off where a fit is no good
 _LIKE: Final = 30.0  # the tool's way and the points' are at most this many times each other
 _WORDS: Final = (
@@ -144,7 +147,8 @@ class Registration:
     Raises
     ------
     CalibrationError
-        If things that belong together are stated apart, or one thing twice.
+        If things that belong together are stated apart, or one thing twice, or touched points lie
+        in a line or do not fit.
 
     Examples
     --------
@@ -170,12 +174,13 @@ class Registration:
             raise CalibrationError(
                 "touched_sd_mm and touched points belong together; give both, or neither"
             )
+        self.known_base()
 
     def known_base(self) -> tuple[Array | None, Array]:
         """Pose (4, 4) of the tracker in the robot's base [m], None where nothing says it.
 
         And what is known of it, the inverse covariance (6, 6) of a turn about and a shift along the
-        axes of the base. Raises CalibrationError if touched points lie in a line.
+        axes of the base. Raises CalibrationError if touched points lie in a line or do not fit.
         """
         if self.base is not None:
             turn = Rotation.from_quat(self.base.quaternion).as_matrix()
@@ -184,9 +189,18 @@ class Registration:
         if self.touched_sd is None:
             return None, np.zeros((6, 6))
         ours, theirs = np.array(self.touched).transpose(1, 0, 2)
-        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
+        turn, shift = align(ours, theirs)
+        square, m = float(((theirs @ turn.T + shift - ours) ** 2).sum()), len(ours)
+        if square > self.touched_sd**2 * chi2.isf(_BY_CHANCE, 3 * m - 6):
+            far, sd = (with_unit(v, "m") for v in (math.sqrt(square / m), self.touched_sd))
+            raise CalibrationError(
+                f"touched points: base and tracker, laid over each other, are {far} apart (RMS), "
+                f"and touched_sd_mm says {sd}; is a point mistyped, another one, or the frame "
+                "scaled or left-handed?"
+            )
+        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (m, 1, 1))], axis=2)
         precision = np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
-        return pose_matrix(*align(ours, theirs)), precision
+        return pose_matrix(turn, shift), precision
 
 
 def read_registration(path: str | os.PathLike[str]) -> Registration:
@@ -446,7 +460,7 @@ def _coarse_offset(
 
 
 def _check_seen(source: str, fit: TipFit, motion: "TrackedMotion") -> None:
-    """Refuse a motion that leaves the zero of a joint open; say what it is mixed up with."""
+    """Refuse a motion that leaves a joint's zero open, by what it is mixed up with, or far off."""
     k, sd, open_ = len(fit.state.coefficients), fit.sd, []
     places = slice(k, k + len(_WORDS))
     for name, zero in zip(motion.terms.joints, motion.terms.zeros, strict=True):
@@ -458,6 +472,13 @@ def _check_seen(source: str, fit: TipFit, motion: "TrackedMotion") -> None:
         raise CalibrationError(
             f"{source}: the motion does not tell {', nor '.join(open_)}; state the base's pose, "
             "touched points of it, or the marker's place (--registration, docs/tracker.md)"
+        )
+    zeros = fit.state.coefficients[motion.terms.zeros] / motion.sd[motion.terms.zeros]
+    if np.abs(zeros).max() > _FARTHEST:
+        name = motion.terms.joints[int(np.abs(zeros).argmax())]
+        raise CalibrationError(
+            f"{source}: the zero of {name} would be further off than any arm's; is the base in the "
+            "registration that of the kinematics, and its quaternion x, y, z, w?"
         )
 
 
@@ -493,7 +514,30 @@ def _judge(
             f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
             "motion? Leave such stretches out"
         )
+    if slip := _slip(stamps[inlier], on_link[inlier], noise):
+        raise CalibrationError(f"{track.source}: {slip}; leave out what is before, or after")
     return rows.rows(inlier), inlier, strays, stretches
+
+
+def _slip(t: Array, shift: Array, noise: float) -> str:
+    """Say when the inliers' `shift` (n, 3) [m] goes to another level, and stays; empty if never.
+
+    At the largest cumulative sum. Unlike drift it is sudden, beyond a reading's `noise` [m] and how
+    parts of the motion differ.
+    """
+    n, edge = len(t), max(_RUN, len(t) // _PARTS)
+    after = np.arange(edge, n - edge)
+    sums = np.cumsum(shift - shift.mean(axis=0), axis=0)[after - 1]
+    k = int(after[np.argmax((sums**2).sum(axis=1) / (after * (n - after)))])
+    step = shift[k:].mean(axis=0) - shift[:k].mean(axis=0)
+    level = shift - step * (np.arange(n) >= k)[:, None]
+    parts = np.array([level[part].mean(axis=0) for part in _parts(n)]) - level.mean(axis=0)
+    sd = n * math.sqrt(float((parts**2).mean()) / (_PARTS * k * (n - k)))
+    far = float(np.linalg.norm(step))
+    sudden = shift[k : k + _RUN].mean(axis=0) - shift[k - _RUN : k].mean(axis=0)
+    if far < max(noise, _JUMP * sd) or sudden @ step < 0.5 * far**2:
+        return ""
+    return f"the marker slips at {t[k]:.1f} s, by {with_unit(far, 'm')} or more"
 
 
 def _jumps(t: Array, shift: Array, noise: float) -> Array:
