@@ -50,6 +50,25 @@ def test_a_fault_is_named(fault):
         assert not any(strange in str(told.value) for strange in ("block", "plate", "dimple"))
 
 
+def test_a_fault_that_is_likelier_but_not_far_is_said():
+    session = FAULTS["block", "moved by 0.5 mm amid"][0](DrawnArm(0))
+    _, report = calibrate_by_touch(session.recording, session.touches, session.block)
+    said = "the points fit better when the block moves by 0.4"
+    assert any(text.startswith(said) for text in report.not_seen)
+
+
+def test_touches_that_a_moved_block_bends_widen_the_deviations():
+    arm, homing = DrawnArm(8), np.random.default_rng([8, 31]).standard_normal(3)
+    homing *= [np.deg2rad(0.3), np.deg2rad(0.5), 4e-4]
+    day = block_session(arm, 30, 0)
+    model = arm.model()
+    pose, _ = find_block(model, day.recording, day.touches, day.block)
+    few = block_session(DrawnArm(8, moved=way(8, 3.5), homing=homing), 6, 0, day=1)
+    zero, fit = zero_by_touch(model, few.recording, few.touches, pose)
+    assert fit.misfit > 2.0 * fit.freedom
+    assert (np.abs(zero.offset - homing) < 3.0 * zero.deviation).all()
+
+
 def test_a_slope_that_no_arm_has_is_refused():
     arm = DrawnArm(3)
     arm.scale = np.array([1.0, 1.6, 1.0])

@@ -369,6 +369,8 @@ def zero_by_touch(
     move = _unnoticed_move(fit, pose, touches, offset)
     loose = zero_prior(pose, _loose(rows, homing), move)
     sd, origin = fit_rows(rows, loose, start=fit.state).sd[: len(offset)], recording.provenance
+    # Touches that fit worse than stated, as of a block that has moved, tell less (Birge, 1932).
+    sd *= math.sqrt(max(1.0, fit.misfit / max(fit.freedom, 1)))
     zero = Zero(
         offset, sd, source="touch", file=origin.source, homing_id=origin.homing_id,
         rows=len(touches), duration=touches.t[-1] - touches.t[0],
@@ -494,6 +496,8 @@ class TouchReport:
     prior : Calibration, optional
     is_learned : bool
         Whether the touches are likeliest under that.
+    doubt : str
+        Fault with which the points fit better, in words; empty without one.
 
     Examples
     --------
@@ -512,6 +516,7 @@ class TouchReport:
     stated_noise: float
     prior: Calibration | None
     is_learned: bool
+    doubt: str
 
     @cached_property
     def before(self) -> Array:
@@ -595,7 +600,7 @@ class TouchReport:
             what, far = "print" if block.robot else "frame", with_unit(0.01 * size, "m")
             size_text = f"not seen, taken as stated; 1 % of it is {far} of the tip"
             words.append(f"size of the {what}: {size_text}")
-        words += self._marker()
+        words += [*self._marker(), *filter(None, [self.doubt])]
         noise = fit.rows.point_sd
         if not 1.0 / _ODD < noise / self.stated_noise < _ODD:
             residual, stated = (with_unit(sd, "m") for sd in (noise, self.stated_noise))
@@ -731,7 +736,10 @@ def fit_terms(
         fit = accuracy.fit_loosely(rows, candidates[widest])
         for _ in range(_SPLITS):
             best = accuracy.likeliest(fit, candidates)
-            fit = fit_rows(fit.rows, candidates[best], start=fit.state)
+            prior_of_terms = candidates[best]
+            for _ in range(_ROUNDS):
+                fit = fit_rows(fit.rows, prior_of_terms, start=fit.state)
+                prior_of_terms = accuracy.heavy_tailed(fit, candidates[best], terms.kinds)
             splits = accuracy.split_residuals(fit, rows, place)
             fit = accuracy.refitted(fit, rows, splits)
     except CalibrationError as error:
@@ -759,11 +767,11 @@ def fit_terms(
         trials.append(accuracy.mirrored(rows, block, prior_of))
     if is_odd and block.robot:
         trials += accuracy.renumbered(rows, block, touches.dimple, prior_of)
-    accuracy.check_faults(touches.source, rows, known, trials, place, trouble)
+    doubt = accuracy.check_faults(touches.source, rows, known, trials, place, trouble)
     everywhere, reach = accuracy.over_workspace(fit, robot)
     near = np.repeat(fit.rows.joint[~fit.left_out], 4, axis=0)
     tip, far = (accuracy.tip_error(fit, splits, terms, joint) for joint in (near, everywhere))
-    about = place, touch_sd, prior, is_learned
+    about = place, touch_sd, prior, is_learned, doubt
     return TouchReport(touches, block, terms, fit, tip, far, reach, *about)
 
 
