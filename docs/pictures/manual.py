@@ -24,6 +24,7 @@ from matplotlib.patches import FancyArrowPatch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import truejoint
+from truejoint.cli import demo
 from truejoint.motion import designed_motion, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Stream
 from truejoint.recordings.join.joining import find_clock_offset
@@ -300,20 +301,21 @@ def table_1() -> Any:
 
 
 def rezeroed() -> Any:
-    """Draw the elbow's error after the demo's new homing, before and after ten seconds of truth."""
-    demo = PAGES.parent / "demo"
-    model = truejoint.read_calibration(demo / "left_arm.safetensors")
-    morning = truejoint.read_recording(demo / "new_homing.parquet")
+    """Draw the elbow's error after the demo's last homing, and after ten seconds of truth."""
+    model, arm = truejoint.calibrate(training(), "linear"), twin()
+    for _ in range(demo.MAKING + demo.JUDGING + 1):
+        arm.home()
+    morning = recorded(random_motion(arm.robot, 60.0, seed=9))
     t = morning.t - morning.t[0]
-    today = model.at(truejoint.calibration.find_zero(model, morning.rows(t < 10.0)))
+    zero = truejoint.calibration.find_zero(model, morning.rows(t < demo.REZERO))
     figure, axes = panels()
-    axis, joint, shown = axes[0, 0], list(model.joints).index(ELBOW), t < 60.0
+    axis, joint = axes[0, 0], list(model.joints).index(ELBOW)
     for each, colour, label in (
         (model, MEASURED, "as calibrated"),
-        (today, CORRECTED, "re-zeroed"),
+        (model.at(zero), CORRECTED, "re-zeroed"),
     ):
         error = each.correct(morning)[:, joint] - morning[f"truth/{ELBOW}"]
-        axis.plot(t[shown], np.degrees(error[shown]), color=colour, lw=1.2, label=label)
+        axis.plot(t, np.degrees(error), color=colour, lw=1.2, label=label)
     axis.axhline(0.0, color=TRUE, lw=0.8, ls=":")
     axis.axvspan(0.0, 10.0, color="#f3e6dc", zorder=0)
     above = axis.get_xaxis_transform()
