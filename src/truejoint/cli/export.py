@@ -47,9 +47,9 @@ def export(
             raise ExportError(f"--to {kind} takes --{option}; leave other options out")
         written: Result = write_one(name, output, value, force=force)
         return written
-    for word, of in {"profile": "bag", "urdf": "urdf"}.items():
-        if values[word] is not None:
-            raise ExportError(f"--{word} is for --to {of}; leave it out")
+    for option, (word, _) in _OF_ONE_OPTION.items():
+        if word != "prefix" and values[word] is not None:
+            raise ExportError(f"--{word} is for --to {option}; leave it out")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
     if kind == "onnx" and how:

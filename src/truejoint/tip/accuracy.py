@@ -48,7 +48,7 @@ _PLACES: Final = 200  # at which the error over a workspace is worked out
 _PROOF: Final = 9.0
 """By how much the logarithm of the likelihood grows where a fault is named."""
 _HINT: Final = 2.0
-"""The same where it is said. One good set in fifty says so."""
+"""The same where it is said. Of a hundred good sets two say so."""
 _SCALE_SD: Final = 0.03
 _MARKER_SD: Final = 0.02  # m
 _MEANT: Final = 0.5  # rad by which a block may be turned from how it is meant to stand
@@ -253,19 +253,19 @@ def check_faults(
     Where none of that is found, refuse them for other `trouble` if there is one. Gives in words
     what is likelier, but not far; empty where nothing is.
     """
-    plain, most, found = _likelihood(rows, prior, place)[0], _HINT, ""
+    plain, most, fault = _likelihood(rows, prior, place)[0], _HINT, ""
     if not math.isfinite(plain):  # far too many outliers
         plain = _likelihood(rows, prior, place, math.inf)[0]
     for trial in trials:
         likelihood, fit = _likelihood(trial.rows, trial.prior, place)
         gain = likelihood - trial.cost - plain
         if fit is not None and gain > most:
-            most, found = gain, trial.words(fit)
+            most, fault = gain, trial.words(fit)
     if most > _PROOF:
-        trouble = f"the points fit only {found}"
+        trouble = f"the points fit only {fault}"
     if trouble:
         raise CalibrationError(f"{source}: {trouble}")
-    return found and f"the points fit better {found}"
+    return fault and f"the points fit better {fault}"
 
 
 def _likelihood(
