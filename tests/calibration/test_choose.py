@@ -90,6 +90,31 @@ def test_errors_inside_recordings_and_beyond_them_are_stated_apart(count, stated
     assert {"inside", "beyond"} & set(chosen) == stated
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_a_member_is_held_to_its_range_where_it_errs_less_so(held):
+    def farther(seed: int, amplitude: float) -> Recording:
+        t = np.arange(400) / 30.0
+        q = amplitude * np.sin(0.9 * t + seed)
+        error = 0.2 * np.minimum(q**2, 0.04 if held else 1.0)
+        noise = np.random.default_rng(seed).normal(0.0, 1e-4, len(t))
+        columns = {"t": t, "measured/jaw": q, "truth/jaw": q + error + noise}
+        return Recording.from_columns(columns, jaw(session=f"s{seed}").provenance)
+
+    recordings = [farther(seed, 0.2 + 0.05 * seed) for seed in range(4)]
+    model = of_one_zero(recordings, Automatic([Polynomial(2)]), features=["measured/jaw"])
+    assert told(model)["poly2"]["held"] is held
+    unseen = farther(9, 0.7)
+    q, correction = unseen.column("measured/jaw"), model.correct(unseen) - unseen.measured
+    alone = calibrate(recordings, "poly2", features=["measured/jaw"])
+    went_on = alone.correct(unseen) - unseen.measured
+    beyond = q > 0.36
+    assert np.ptp(went_on[beyond]) > 0.02
+    if held:
+        assert np.ptp(correction[beyond]) < 1e-15
+    else:
+        np.testing.assert_array_equal(correction, went_on)
+
+
 def two_joints(seed: int) -> Recording:
     """Two joints of which one has a bend in its error, the other noise."""
     rng = np.random.default_rng(seed)

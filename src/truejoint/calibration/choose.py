@@ -94,6 +94,8 @@ class Candidate:
     folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
     errors: dict[int, Array] = field(default_factory=dict)
     """(n_rows, n_joints) by fold [rad or m]; of a simple model where it could not be fitted."""
+    unheld: dict[int, Array] = field(default_factory=dict)
+    """The same where it is not held to the range of its training, of folds with rows beyond."""
     spread: Array | float = 0.0
     """Largest (n_joints,) of predictions where signals come apart, over that of the targets."""
     seconds: float = 0.0
@@ -101,6 +103,18 @@ class Candidate:
     n_bytes: int = 0  # of what it learnt
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it errs less if it is held to the range of its training: mean of logarithms."""
+        pairs = [(self.errors[number], error) for number, error in self.unheld.items()]
+        squares = [np.mean(np.square(pair), axis=1) for pair in pairs]
+        return bool(squares) and float(np.mean([log_ratio(*pair) for pair in squares])) < 0.0
+
+    def judged(self, number: int) -> Array | None:
+        """Errors (n_rows, n_joints) in a fold, held to its range or not; None if not tried."""
+        errors = self.errors.get(number)
+        return errors if self.is_held else self.unheld.get(number, errors)
 
     @cached_property
     def bears_load(self) -> bool:
@@ -163,6 +177,18 @@ class CrossValidation:
         if not len(test):
             raise CalibrationError(f"no row of {fold.name} has a known truth")
         return training, test
+
+    def history(self, test: Integers) -> Integers:
+        """Rows that a model with a memory runs over to predict the rows `test`; none is before."""
+        history = np.cumsum(self.dt == 0.0)
+        return np.flatnonzero(np.isin(history[: test[-1] + 1], history[test]))
+
+    def multiplied(self, number: int) -> Array:
+        """Mean products (n_joints, n_candidates, n_candidates) of errors in a fold, as now held."""
+        tried = [candidate.judged(number) for candidate in self.candidates]
+        untried = np.full_like(next(one for one in tried if one is not None), np.nan)
+        errors = np.array([untried if one is None else one for one in tried])
+        return np.asarray(np.einsum("mnj,pnj->jmp", errors, errors) / len(untried))
 
     @property
     def usable(self) -> Mask:
@@ -311,14 +337,16 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
     nothing, if the linear model cannot be fitted.
     """
     training, test = table.split(fold)
+    were_held = [candidate.is_held for candidate in table.candidates]
     for place, candidate in enumerate(table.candidates):
         if candidate.note or number in candidate.errors:
             continue
         say(place / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
         began = working_times()
         try:
-            predicted = _predict(candidate, table, training, test)
-            candidate.errors[number] = table.targets[test] - predicted
+            candidate.errors[number] = _errors_of(candidate, table, training, test)
+            if _goes_beyond(candidate, table, training, test):
+                candidate.unheld[number] = _errors_of(candidate, table, training, test, held=False)
             candidate.folds.append(number)
         except CalibrationError as reason:
             if place == 0:
@@ -334,27 +362,31 @@ def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) ->
                 best = np.argmin(square, axis=0)
                 candidate.errors[number] = simple[best, :, np.arange(len(best))].T
         candidate.seconds += max(0.0, float(np.min(working_times() - began)))
-    untried = np.full((len(test), table.targets.shape[1]), np.nan)
-    errors = np.array([candidate.errors.get(number, untried) for candidate in table.candidates])
-    if is_new := number == len(table.products):
+    is_new = number == len(table.folds)
+    if is_new:
         table.folds.append(fold)
-    table.products[number:] = [
-        np.einsum("mnj,pnj->jmp", errors, errors) / len(test), *table.products[number + 1 :]
-    ]  # fmt: skip
+    if were_held == [candidate.is_held for candidate in table.candidates]:
+        table.products[number:] = [table.multiplied(number), *table.products[number + 1 :]]
+    else:
+        table.products = [table.multiplied(each) for each in range(len(table.folds))]
     if is_new:
         table.give_up_hopeless()
 
 
-def _predict(
-    candidate: Candidate, table: CrossValidation, training: Integers, test: Integers
+def _errors_of(
+    candidate: Candidate,
+    table: CrossValidation,
+    training: Integers,
+    test: Integers,
+    held: bool = True,
 ) -> Array:
-    """Fit to the rows `training`, settle what that determined, and predict the rows `test`.
+    """Fit to the rows `training`, settle what that determined, and give the errors of rows `test`.
 
     And see how widely predictions spread where signals come apart, in deviations of the targets;
     that is not asked of more than two recordings.
     """
     places = map(table.features.names.index, candidate.features)
-    model = Stack((candidate.model,), sees=(tuple(places),))
+    model = Stack((candidate.model,), sees=(tuple(places),), held=(held,))
     needed = model.minimum_rows(len(candidate.features))
     if len(training) < needed:
         raise CalibrationError(
@@ -369,8 +401,7 @@ def _predict(
         names = model.truth_beside()
         loads = np.concatenate([fit_task.known_loads(p.recording, names) for p in table.parts])
         model.fit(table.X, targets, None, table.dt, loads[table.rows])
-        history = np.cumsum(table.dt == 0.0)
-        run = np.flatnonzero(np.isin(history[: test[-1] + 1], history[test]))  # not what is before
+        run = table.history(test)
     else:
         model.fit(table.X[training], values[training])
         run = test
@@ -390,7 +421,19 @@ def _predict(
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         candidate.spread = np.maximum(candidate.spread, np.sqrt(np.mean(far**2, axis=0)))
-    return np.asarray(predicted - measured[test])
+    return np.asarray(table.targets[test] - (predicted - measured[test]))
+
+
+def _goes_beyond(
+    candidate: Candidate, table: CrossValidation, training: Integers, test: Integers
+) -> bool:
+    """Whether the rows `test` go beyond the range that a fit to `training` may be held to."""
+    if candidate.is_simple or candidate.model.family.inputs is not None:
+        return False
+    places = list(map(table.features.names.index, candidate.features))
+    run = table.history(test) if candidate.model.family.remembers else test
+    known, judged = (table.X[rows][:, places] for rows in (training, run))
+    return bool(((judged < known.min(axis=0)) | (judged > known.max(axis=0))).any())
 
 
 def decoupled(features: Array, feature_set: FeatureSet) -> Array:
@@ -708,8 +751,9 @@ def _inside_errors(
             training, test = table.split(fold)
             error = np.zeros((len(test), weights.shape[1]))
             for number in np.flatnonzero(weights.any(axis=1)).tolist():
-                predicted = _predict(table.candidates[number], table, training, test)
-                error += weights[number] * (table.targets[test] - predicted)
+                candidate = table.candidates[number]
+                errors = _errors_of(candidate, table, training, test, candidate.is_held)
+                error += weights[number] * errors
             squares.append(np.mean(error**2, axis=0))
     return squares
 
@@ -731,7 +775,8 @@ def _estimator(
     beside = tuple(others if candidate.target == "error" else () for candidate in members)
     shares = None if len(members) == 1 else tuple(map(tuple, weights[in_use].tolist()))
     models = tuple(candidate.model for candidate in members)
-    estimator = Stack(models, shares, sees=sees, beside=beside if mixed else None)
+    held = tuple(candidate.is_held for candidate in members)
+    estimator = Stack(models, shares, sees=sees, held=held, beside=beside if mixed else None)
     return estimator, FeatureSet.parse(names), "position" if mixed else first.target
 
 
@@ -754,6 +799,7 @@ def _evidence(
         tried.append({
             "estimator": candidate.model.name,
             "features": list(candidate.features),
+            "held": candidate.is_held,
             "folds": len(candidate.folds),
             "seconds": round(candidate.seconds, 3),
             "step": candidate.step,

@@ -33,9 +33,9 @@ class Stack(JointRegressor):
     were not fitted to, see `truejoint.calibration.Automatic`. Without weights it is one step of
     boosting: the first member explains what it can, and the next its residual.
 
-    A member that `sees` some features alone is held to the range that it was fitted to: beyond, its
-    prediction stays as it was at the end; only a line goes on. A physical filter knows how to go on
-    by itself: one with its own features is not held to their range.
+    A member that `sees` some features alone may be held to the range that it was fitted to: beyond,
+    its prediction stays as it was at the end; only a line goes on. A physical filter knows how to
+    go on by itself: one with its own features is not held to their range.
 
     Parameters
     ----------
@@ -49,8 +49,10 @@ class Stack(JointRegressor):
     random_state : int, optional
         Seed of the members; their own by default.
     sees : sequence of sequence of int, optional
-        Places of the features that each member sees, to whose range it is held; by default all see
-        all, and none is held. One that only works offline may then stand alone.
+        Places of the features that each member sees; by default all see all, and none is held. One
+        that only works offline may then stand alone.
+    held : sequence of bool, optional
+        Whether each member that `sees` is held to the range of its features; by default all are.
     beside : sequence of sequence of int, optional
         For each member that `sees`, the place of a feature for each output, or none. Its
         predictions are added to that feature, such as the measured position of a true one.
@@ -79,12 +81,13 @@ class Stack(JointRegressor):
     fitted_params: ClassVar[Params] = {"members": (), "columns": ()}
     training: ClassVar[Mapping[str, Rule]] = {
         "random_state": RANDOM_STATE,
-        **dict.fromkeys(("sees", "beside"), ANYTHING),
+        **dict.fromkeys(("sees", "held", "beside"), ANYTHING),
     }
     members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
     weights: Sequence[Sequence[float]] | None = None
     random_state: int | None = None
     sees: Sequence[Places] | None = None
+    held: Sequence[bool] | None = None
     beside: Sequence[Places] | None = None
 
     @property
@@ -108,11 +111,12 @@ class Stack(JointRegressor):
         for member in unfitted:
             member.check_params()
         super().check_params()
-        selections = [value for value in (self.sees, self.beside) if value is not None]
+        given = (self.sees, self.held, self.beside)
+        selections = [value for value in given if value is not None]
         if selections and (self.sees is None or {*map(len, selections)} != {len(unfitted)}):
             raise CalibrationError(
-                f"sees and beside of a stack are given for other members than its {len(unfitted)}; "
-                "give sees, or both, for each"
+                f"sees, held and beside of a stack are given for other members than its "
+                f"{len(unfitted)}; give sees, or more of them, for each"
             )
         if self.sees is not None and self.weights is None and len(unfitted) > 1:
             raise CalibrationError("a stack whose members see some features alone takes weights")
@@ -214,9 +218,12 @@ class Stack(JointRegressor):
             inputs, targets = X[rows], residuals[rows]
             if self.sees is not None:
                 beside = self.beside[place] if self.beside else ()
-                limits.append(_limits(member, inputs, targets, self.sees[place], beside, outputs))
+                seen = self.sees[place]
+                limits.append(_limits(member, inputs, targets, seen, beside, outputs))
+                if self.held is not None and not self.held[place]:
+                    limits[-1] |= _no_range(len(seen))
                 targets = targets - inputs @ limits[-1]["direct"]
-                inputs = np.ascontiguousarray(inputs[:, self.sees[place]])
+                inputs = np.ascontiguousarray(inputs[:, seen])
             steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
             taken = self._loads[rows][:, [loads.index(name) for name in member.truth_beside()]]
             report = share_of(progress, number, len(used))
@@ -259,13 +266,17 @@ def _limits(
     targets = (y - X @ direct)[:, outputs]
     has_truth = np.isfinite(targets).all(axis=1)
     inputs = X[has_truth][:, places]
-    lower, upper = np.full((2, len(places)), [[-LARGEST], [LARGEST]])
+    limits = _no_range(len(places))
     if member.family.inputs is None:
-        lower, upper = inputs.min(axis=0), inputs.max(axis=0)
+        limits = {"lower": inputs.min(axis=0), "upper": inputs.max(axis=0)}
         if member.name == registry.LINEAR:
             line = Polynomial(1, ridge=False).fit(inputs, targets[has_truth])
             slope[:, outputs] = line.arrays_["coef"] * line.arrays_["inverse_scale"][:, None]
-    return {"lower": lower, "upper": upper, "slope": slope, "direct": direct}
+    return {**limits, "slope": slope, "direct": direct}
+
+
+def _no_range(n_features: int) -> Arrays:
+    return {"lower": np.full(n_features, -LARGEST), "upper": np.full(n_features, LARGEST)}
 
 
 def _tuples(places: Sequence[Places] | None) -> Any:
