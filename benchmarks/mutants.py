@@ -51,7 +51,6 @@ MIRRORS = {
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
     "calibration/compatibility": ("tests/calibration/test_truth_zero.py",),
     "calibration/efforts": ("tests/calibration/test_truth_zero.py",),
-    "calibration/potentiometers": ("tests/calibration/test_potentiometer_zero.py",),
     "calibration/zero": ("tests/calibration/test_truth_zero.py",),
     "calibration/fit_task": ("tests/calibration/test_truth_zero.py",),
 }
