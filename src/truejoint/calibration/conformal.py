@@ -73,7 +73,6 @@ def with_interval(
     >>> with_interval(model, pieces).interval.trajectories
     9
     """
-    _check_interval(levels, rezero)
     recordings = distinct(as_recordings(recordings))
     for recording in recordings:
         if as_calibration(calibration).origin.includes(recording):
@@ -82,24 +81,20 @@ def with_interval(
                 "interval; give recordings that the calibration has not seen"
             )
     groups = exchangeable_units(recordings, per_homing=rezero == 0.0)
-    possible = _possible_levels(levels, len(groups))
+    possible = _possible_levels(levels, len(groups), rezero)
     parts = folds.wholes(recordings)
     units = [[parts[index] for index in group] for group in groups]
     judges = [(calibration, folds.Fold("", tuple(parts)))]
     return _stating(calibration, judges, recordings, units, possible, rezero=rezero)
 
 
-def _check_interval(levels: Sequence[float], rezero: float = 0.0) -> None:
-    """Raise CalibrationError for what no interval can be made with."""
+def _possible_levels(levels: Sequence[float], n_units: int, rezero: float = 0.0) -> list[float]:
+    """Those that so many trajectories are enough for; raises CalibrationError if there are none."""
     if not np.size(levels) or not 0.0 <= rezero < math.inf:
         raise CalibrationError(
             f"interval with levels {levels}, rezero {rezero!r} s; give a level, and a time of 0 s "
             "or more"
         )
-
-
-def _possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
-    """Those that so many trajectories are enough for; raises CalibrationError if there are none."""
     wanted = np.unique(levels).tolist()
     possible = [level for level in wanted if needed_trajectories(level) <= n_units]
     if not possible:
@@ -198,14 +193,8 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     """Score that a sample of one more trajectory stays below with probability `level` or more.
 
     Each of the n trajectories has the weight 1/(n + 1), spread evenly over its `scores` (n_i,);
-    what is left stands at infinity for the one to come. Raises CalibrationError if they are too
-    few.
+    what is left stands at infinity for the one to come. There are `needed_trajectories` or more.
     """
-    if len(scores) < needed_trajectories(level):
-        raise CalibrationError(
-            f"{len(scores)} trajectories cannot state {100 * level:g} %; it takes "
-            f"{needed_trajectories(level)}"
-        )
     values = np.concatenate(scores)
     share = np.concatenate([np.full(len(s), 1.0 / len(s)) for s in scores]) / (len(scores) + 1)
     order = np.argsort(values, kind="stable")
@@ -272,7 +261,6 @@ def cross_interval(
     >>> truejoint.calibration.cross_interval(training, "linear").interval.levels.tolist()
     [0.8, 0.9]
     """
-    _check_interval(levels)
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or untold
@@ -299,12 +287,9 @@ def cross_interval(
     return _stating(fitted, judges, different, units, possible, rezero=0.0, **counts)
 
 
-_Units = list[list[folds.Part]]
-
-
 def _plans(
     recordings: Sequence[Recording],
-) -> tuple[_Units, int, list[tuple[list[folds.Fold], int]]]:
+) -> tuple[list[list[folds.Part]], int, list[tuple[list[folds.Fold], int]]]:
     """Trajectories of recordings, none a copy of another, and plans, as `cross_interval` says.
 
     Gives the parts of each trajectory, how many recordings are cut into them, and what the fits do
