@@ -279,11 +279,7 @@ class Calibration(Summarised):
         columns, units or (where features count samples) the rate differ.
         """
         shift = self.signal_shift if self.signal_shift.any() else None
-        how: dict[str, Any] = {
-            "feature_set": self.feature_set,
-            "joints": self.joints,
-            "gap_limit": self.gap_limit,
-        }
+        how = {name: getattr(self, name) for name in ("feature_set", "joints", "gap_limit")}
         if not isinstance(recording, Rows):
             self.check_recording(recording)
             return Rows.of(recording, **how, signal_shift=shift)

@@ -56,34 +56,27 @@ _Axes = Mapping[str, str]
 _Parts = dict[str, dict[str, Array]]
 
 
-def _axes(kind: type[Any], usual: str, **others: str) -> _Axes:
-    """Axes of the fields of a dataclass, of which numbers are arrays of one."""
+def _arrays(kind: type[Any], usual: str, **others: str) -> tuple[type[Any], _Axes]:
+    """Give a dataclass and its fields' axes; numbers are arrays of one, `others` come by axes."""
+    axes_of = {name: axes for axes, names in others.items() for name in names.split()}
     numbers = {float: "1", int: "i"}
-    hints = get_type_hints(kind)
-    return {name: others.get(name, numbers.get(hint, usual)) for name, hint in hints.items()}
+    hints = get_type_hints(kind).items()
+    return kind, {name: axes_of.get(name, numbers.get(hint, usual)) for name, hint in hints}
 
 
 _PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {
-    "training_domain": (
+    "training_domain": _arrays(
         TrainingDomain,
-        _axes(
-            TrainingDomain,
-            "s",
-            feature_mean="f",
-            whitening="ff",
-            swings="jc",
-            **dict.fromkeys(
-                ("error_lower", "error_upper", "stride", "swing_lower", "swing_upper"), "j"
-            ),
-        ),
+        "s",
+        f="feature_mean",
+        ff="whitening",
+        j="error_lower error_upper stride swing_lower swing_upper",
+        jc="swings",
     ),
-    "effort_baseline": (EffortBaseline, _axes(EffortBaseline, "j", coef="jt", beginning="bj")),
-    "parity": (ParityEquations, _axes(ParityEquations, "e", matrix="es")),
-    "interval": (Interval, _axes(Interval, "lj", levels="l")),
-    "potentiometers": (
-        PotentiometerReference,
-        _axes(PotentiometerReference, "j", difference="jp", rows="jp"),
-    ),
+    "effort_baseline": _arrays(EffortBaseline, "j", jt="coef", bj="beginning"),
+    "parity": _arrays(ParityEquations, "e", es="matrix"),
+    "interval": _arrays(Interval, "lj", l="levels"),
+    "potentiometers": _arrays(PotentiometerReference, "j", jp="difference rows"),
 }
 """A letter for each axis of an array: s signals of the loop, n those of the model, f features, j
 joints, t terms of an effort, b beginnings, p stretches, c pairs of turning points; another one is
