@@ -42,12 +42,9 @@ def learn_error_model(
     estimator = estimator or ERROR_MODELS[len(turned[0].joints_of("truth")) > 1]
     cuts = [round((1.0 - _HELD_OUT) * len(recording)) for recording in turned]
     trial = calibrate([r.rows(slice(0, n)) for r, n in zip(turned, cuts, strict=True)], estimator)
-    residuals, steps = [], []
-    for recording, n in zip(turned, cuts, strict=True):
-        rest = recording.rows(slice(n, len(recording)))
-        residuals.append(rest.columns("truth", trial.joints) - trial.correct(rest))
-        steps.append(float(np.median(np.diff(rest.t))))
-    dt, noise = float(np.median(steps)), {}
+    ends = [r.rows(slice(n, len(r))) for r, n in zip(turned, cuts, strict=True)]
+    residuals = [end.columns("truth", trial.joints) - trial.correct(end) for end in ends]
+    dt, noise = float(np.median([np.median(np.diff(end.t)) for end in ends])), {}
     for k, joint in enumerate(trial.joints):
         parts = [residual[:, k] for residual in residuals]
         rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))

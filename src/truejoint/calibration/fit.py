@@ -163,6 +163,8 @@ def _assembled(
     fit, notes = fitted
     identified = None if fit.learnt is None else fit.learnt.identified
     origin, facts = training_origin(parts)
+    signals = (*task.units, *redundant)
+    resting = resting_features(task.recordings, task.feature_set, task.joints, task.units)
     return Calibration(
         machine=task.robot,
         joints=task.joints,
@@ -176,13 +178,7 @@ def _assembled(
         fitted_baselines=fit.baselines,
         learnt=fit.learnt,
         training_domain=fit_training_domain(
-            task.recordings,
-            (*task.units, *redundant),
-            task.gap_limit,
-            X,
-            error,
-            resting_features(task.recordings, task.feature_set, task.joints, task.units),
-            task.joints,
+            task.recordings, signals, task.gap_limit, X, error, resting, task.joints
         ),
         parity=parity,
         potentiometers=learn_reference(task.recordings, task.joints),

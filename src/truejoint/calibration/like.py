@@ -95,12 +95,12 @@ def calibrate_like(
     }
     left_aside = _contradiction(pooled, recordings)
     different = distinct(recordings)
-    left_out = [Fold("", (part,)) for part in wholes(different)[:FOLDS]]
     if left_aside or len(different) > 1:
         later = within(report, _SHARE, 1.0 - _SHARE)
         alone = calibrate(recordings, estimator, progress=later, **how)
         if not left_aside and alone.joints == joints:
-            errors = [_left_out_rmse(fit, different, left_out, common) for fit in (pooled, alone)]
+            rate = how.get("fit_rate")
+            errors = [_left_out_rmse(fit, different, rate) for fit in (pooled, alone)]
             facts["rmse"] = dict(zip(("like", "own"), (e.tolist() for e in errors), strict=True))
             if np.log(errors[1]).mean() < np.log(errors[0]).mean():
                 left_aside = "an own fit is better on the recordings that are left out in turn"
@@ -160,13 +160,10 @@ def _contradiction(pooled: Calibration, recordings: Sequence[Recording]) -> str:
 
 
 def _left_out_rmse(
-    fitted: Calibration, recordings: Sequence[Recording], left_out: Sequence[Fold], how: Any
+    fitted: Calibration, recordings: Sequence[Recording], fit_rate: float | None
 ) -> Array:
-    """RMSE (n_joints,) [rad or m] on recordings that are left out of the fit in turn."""
-    rate = {name: value for name, value in how.items() if name == "fit_rate"}
-    errors = []
-    for fit, fold in zip(cross_fit(fitted, recordings, left_out, **rate), left_out, strict=True):
-        for part in fold.parts:
-            recording = recordings[part.recording]
-            errors.append(recording.columns("truth", fit.joints) - fit.correct(recording))
+    """RMSE (n_joints,) [rad or m] on the first recordings, each left out of the fit in turn."""
+    left_out = [Fold("", (part,)) for part in wholes(recordings)[:FOLDS]]
+    fits = zip(cross_fit(fitted, recordings, left_out, fit_rate=fit_rate), recordings, strict=False)
+    errors = [one.columns("truth", fit.joints) - fit.correct(one) for fit, one in fits]
     return np.asarray(np.sqrt(np.nanmean(np.concatenate(errors) ** 2, axis=0)))
