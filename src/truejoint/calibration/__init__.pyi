@@ -15,5 +15,5 @@ from .model_file import read_calibration as read_calibration
 from .model_file import write_calibration as write_calibration
 from .potentiometers import potentiometer_zero as potentiometer_zero
 from .rows import Rows as Rows
-from .truth_zero import find_zero as find_zero
 from .zero import Zero as Zero
+from .zero import find_zero as find_zero

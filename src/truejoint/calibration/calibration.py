@@ -241,9 +241,8 @@ class Calibration(Summarised):
         for name in rezeroed.fitted_baselines:
             by = zero.baselines.get(name, zero.shift if zero.moves is None else 0.0)
             offsets[name] = offsets.get(name, np.zeros(len(self.joints))) + by
-        origin = rezeroed.origin
-        if zero.homing_id:
-            origin = replace(origin, homing_ids=(zero.homing_id,))
+        homing_ids = (zero.homing_id,) if zero.homing_id else rezeroed.origin.homing_ids
+        origin = replace(rezeroed.origin, homing_ids=homing_ids)
         return replace(rezeroed, offsets=offsets, origin=origin, zero=zero)
 
     def shifted(self, offset: Array) -> Self:

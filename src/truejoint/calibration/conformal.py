@@ -18,7 +18,7 @@ from truejoint.calibration.fit_task import within
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Session, distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.truth_zero import judged_error, rows_with_truth
+from truejoint.calibration.zero import judged_error, rows_with_truth
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
