@@ -150,8 +150,7 @@ def _moved(
             "and calibrate anew"
         )
     # Neighbours that are alike count for less than one each.
-    alike = float(
-        np.clip((residual[1:] * residual[:-1]).sum() / max((residual**2).sum(), 1e-300), 0.0, 0.9)
-    )
+    likeness = (residual[1:] * residual[:-1]).sum() / max((residual**2).sum(), 1e-300)
+    alike = float(np.clip(likeness, 0.0, 0.9))
     freedom = (len(residual) - 1) * (1.0 - alike) / (1.0 + alike)
     return offset, math.sqrt(square / max(freedom, 1.0))

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.baseline_fit import past_weights, weighted_medians
 from truejoint.calibration.calibration import Calibration, as_calibration, as_recorded
 from truejoint.calibration.compatibility import source_of
-from truejoint.calibration.efforts import time_in_motion
+from truejoint.calibration.efforts import past_weights, time_in_motion, weighted_medians
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 
