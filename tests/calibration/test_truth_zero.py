@@ -246,7 +246,7 @@ def test_moved_zeros_spoil_no_way_of_learning_that_is_re_zeroed(name, tmp_path):
     random = np.random.default_rng(3)
     brief = training(name)[:3]
     if name == "ukf_elastic":  # its recordings have many more rows than it takes
-        brief = [one.rows(slice(0, 1300)) for one in brief]
+        brief = [one.rows(slice(0, 800)) for one in brief]
     moved = [
         off(recording, known.joints, 0.03 * random.choice([-1.0, 1.0], len(known.joints)))
         for recording in homed_apart(brief)

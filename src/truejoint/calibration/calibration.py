@@ -261,15 +261,12 @@ class Calibration(Summarised):
             self, target="error", fitted_baselines={}, rezeroed_fit=None, interval=None,
             effort_baseline=None,
         )  # fmt: skip
-        return {
-            name: replace(
-                bare,
-                fitted=fitted,
-                offsets={"model": self.offsets[name]} if name in self.offsets else {},
-                origin=replace(self.origin, estimator=name),
-            )
-            for name, fitted in self.fitted_baselines.items()
-        }
+        baselines = dict[str, Self]()
+        for name, fitted in self.fitted_baselines.items():
+            offsets = {"model": self.offsets[name]} if name in self.offsets else {}
+            origin = replace(self.origin, estimator=name)
+            baselines[name] = replace(bare, fitted=fitted, offsets=offsets, origin=origin)
+        return baselines
 
     def rows(self, recording: Recording | Rows) -> Rows:
         """See a recording through the features, once for all that is made of it.

@@ -308,16 +308,12 @@ def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
         }
         sessions.append(Session.of(part.recording, **facts_of))
     homing_ids = sorted({session.homing_id for session in sessions} - {""})
+    versions = {name: version(name) for name in ("truejoint", "numpy", "scikit-learn")}
+    counted = "rows", "rows_without_truth", "outliers", "duration"
     facts = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("truejoint", "numpy", "scikit-learn")},
-        },
-        **{
-            name: sum(map(attrgetter(name), sessions))
-            for name in ("rows", "rows_without_truth", "outliers", "duration")
-        },
+        "versions": {"python": platform.python_version(), **versions},
+        **{name: sum(map(attrgetter(name), sessions)) for name in counted},
         "data_sha256": digest.hexdigest(),
     }
     return Origin(sessions=tuple(sessions), homing_ids=tuple(homing_ids)), facts

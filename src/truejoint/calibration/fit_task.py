@@ -181,10 +181,8 @@ def training_rows(
     """
     outliers = zip(*(gross_outliers(recordings, joint) for joint in joints), strict=True)
     parts = [
-        Rows.of(
-            recording, feature_set, joints, gap_limit, outlier=np.column_stack(masks), stride=stride
-        )
-        for recording, masks in zip(recordings, outliers, strict=True)
+        Rows.of(recording, feature_set, joints, gap_limit, outlier=mask, stride=stride)
+        for recording, mask in zip(recordings, map(np.column_stack, outliers), strict=True)
     ]
     for part in parts:
         part.check_truth()

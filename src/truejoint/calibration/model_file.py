@@ -8,7 +8,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple, get_type_hints
@@ -260,10 +260,8 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
 
 def _arrays_of(value: Any) -> dict[str, Array]:
     """Fields of a dataclass by name, numbers as arrays of one element; nothing of None."""
-    return {
-        field.name: np.atleast_1d(np.asarray(getattr(value, field.name), dtype=np.float64))
-        for field in (fields(value) if value is not None else ())
-    }
+    named = {} if value is None else vars(value)
+    return {name: np.atleast_1d(np.asarray(v, dtype=np.float64)) for name, v in named.items()}
 
 
 def _plain(value: Any) -> Any:
@@ -423,9 +421,8 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     version = description.pop("format", None)
     if version is True or version != FORMAT_VERSION:
         is_newer = isinstance(version, int) and version > FORMAT_VERSION
-        word, advice = (
-            ("newer than", "update truejoint") if is_newer else ("not", "calibrate again")
-        )
+        word = "newer than" if is_newer else "not"
+        advice = "update truejoint" if is_newer else "calibrate again"
         raise ModelFileError(
             f"format version {version!r:.40} is {word} {FORMAT_VERSION}, the newest that this "
             f"truejoint reads; {advice}"
