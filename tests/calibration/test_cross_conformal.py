@@ -43,6 +43,11 @@ def inside(model, recordings):
     return np.mean(shares)
 
 
+@pytest.fixture(scope="module")
+def ten() -> Calibration:
+    return cross_interval([bent(seed, 0.2) for seed in range(10)], "poly2")
+
+
 def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
     recordings = [bent(seed, 0.2) for seed in range(10)]
     model = cross_interval(recordings, "linear")
@@ -150,10 +155,10 @@ def test_parts_of_few_recordings_cover_as_far_as_these_are_alike(count):
     assert found[0][0] > max(0.9, found[2][0])  # of what each does by itself, less is promised
 
 
-def test_no_less_than_stated_is_covered_on_average():
+def test_no_less_than_stated_is_covered_on_average(ten):
     shares = []
-    for draw in range(2):
-        model = cross_interval([bent(100 * draw + k, 0.2) for k in range(10)], "poly2")
+    others = cross_interval([bent(100 + k, 0.2) for k in range(10)], "poly2")
+    for draw, model in enumerate((ten, others)):
         unseen = [bent(100 * draw + k, 0.2) for k in range(50, 60)]
         shares.append(inside(model, unseen))
     assert 0.97 < np.mean(shares) < 1.0  # alike as they are: 90 % of 11 / 10
@@ -167,9 +172,8 @@ def test_what_cannot_be_stated_is_refused(how, said):
         cross_interval([bent(seed, 0.2) for seed in range(3)], "linear", **how)
 
 
-def test_copies_are_no_further_trajectories():
-    recordings = [bent(seed, 0.2) for seed in range(10)]
-    once = cross_interval(recordings, "poly2").interval
+def test_copies_are_no_further_trajectories(ten):
+    recordings, once = [bent(seed, 0.2) for seed in range(10)], ten.interval
     again = cross_interval([*recordings, *recordings[:5]], "poly2").interval
     assert again.trajectories == once.trajectories == 10
     # A fit that is judged on a recording has not seen its copy either.

@@ -150,13 +150,11 @@ def _contradiction(pooled: Calibration, recordings: Sequence[Recording]) -> str:
         for fit in (pooled, pooled.baselines["offset"])
     )
     ours, plain = np.nanstd(residuals, axis=0), np.nanstd(offset, axis=0)
-    worse = np.flatnonzero(ours > plain)
-    if not worse.size:
+    times = np.where(ours > plain, ours / np.maximum(plain, 1e-12), 0.0)
+    if not times.any():
         return ""
-    worst = max(worse, key=lambda k: ours[k] / max(plain[k], 1e-12))
-    times = ours[worst] / max(plain[worst], 1e-12)
-    joint = pooled.joints[worst]
-    return f"the models leave {times:.1f} times what a fixed offset leaves of {joint}"
+    worst, joint = times.max(), pooled.joints[int(np.argmax(times))]
+    return f"the models leave {worst:.1f} times what a fixed offset leaves of {joint}"
 
 
 def _left_out_rmse(
