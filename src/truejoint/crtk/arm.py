@@ -23,12 +23,9 @@ from truejoint.errors import CommandRefused, MotionStopped, NotArrived, Truejoin
 from truejoint.robots import Robot, blocks
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
-MAX_AGE: Final = 0.1
-"""A state message older than this [s] is no measurement of now."""
-BRAKING: Final = 0.05
-"""Time in which the set-point of an arm that is stopped comes to rest [s]."""
-TIMEOUT: Final = 5.0
-"""Time limit of a state command other than homing [s]."""
+MAX_AGE: Final = 0.1  # [s]: a state message older than this is no measurement of now
+BRAKING: Final = 0.05  # [s] in which the set-point of an arm that is stopped comes to rest
+TIMEOUT: Final = 5.0  # [s], time limit of a state command other than homing
 HOMING_TIMEOUT: Final = 120.0
 
 _OPEN: "Final[weakref.WeakSet[Arm]]" = weakref.WeakSet()

@@ -21,8 +21,7 @@ _MOVE_POSITIONING: Final = np.deg2rad(3.0)
 _MOVE_TOOL: Final = np.deg2rad(10.0)
 _MOVE_PRISMATIC: Final = 0.01
 _OF_A_BACKEND: Final = tuple(name for name in vars(Backend) if not name.startswith("_"))
-JITTER: Final = 20
-"""Messages over which the jitter of their stamps evens out."""
+JITTER: Final = 20  # messages over which the jitter of their stamps evens out
 _MOST_GRAIN: Final = 0.02  # [s] within which an arm that is stopped begins to brake
 
 
@@ -50,10 +49,7 @@ def checked_backend(backend: Backend) -> tuple[float, float]:
 
 
 def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: str) -> None:
-    """Raise CommandRefused if a joint would step faster than its top speed.
-
-    `rows` (n, n_joints) follow each other at `rate` [Hz], the first `start` (n_joints,).
-    """
+    """Raise CommandRefused if `rows` (n, n_joints) after `start`, at `rate` [Hz], step too fast."""
     limit = np.array([joint.max_speed for joint in robot.joints]) / rate
     step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
     excess = step > limit + ROUNDING
@@ -93,10 +89,7 @@ def jump_of(robot: Robot, rate: float, t: Array, measured: Array) -> str:
 
 
 def move_speed(robot: Robot, speed: ArrayLike | None, command: str) -> Array:
-    """Speed caps (n_joints,) of a move, as asked for or the default [rad/s or m/s].
-
-    Raises CommandRefused if one is not positive or above the joint's top speed.
-    """
+    """Speed caps (n_joints,) [rad/s or m/s] of a move; refuses 0 or less, or above the top."""
     joints = robot.joints
     top = np.array([joint.max_speed for joint in joints])
     if speed is None:

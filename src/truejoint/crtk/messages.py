@@ -45,8 +45,7 @@ FORCES: Final = {"force_gauge": ("gauge", 0), "force_cmd": ("command", 3)}
 Source: uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_force_gauge_pub.py,
 run_r2_trajectory_follow_with_force.py.
 """
-CORRECTED: Final = "corrected"
-"""Namespace, within an arm's, of what a correcting node says."""
+CORRECTED: Final = "corrected"  # namespace, within an arm's, of what a correcting node says
 
 _DEFINITIONS: Final = Path(__file__).with_name("definitions")
 
@@ -89,8 +88,7 @@ def ros2_definition(name: str) -> str:
     return re.sub("^duration ", "builtin_interfaces/Duration ", text, flags=re.MULTILINE)
 
 
-ARMS: Final = ("left", "right")
-"""Arms of RAVEN-II in the order of every array of its state: gold, then green."""
+ARMS: Final = ("left", "right")  # in the order of every array of RAVEN-II's state: gold, then green
 
 RAVEN_FIELDS: Final[Mapping[str, tuple[str, float]]] = {
     quantity: (field, SI_UNITS[unit][1])
@@ -98,8 +96,8 @@ RAVEN_FIELDS: Final[Mapping[str, tuple[str, float]]] = {
 }
 """Quantity of a recording: field of ``raven_state``, eight channels an arm, and factor to SI."""
 
+# Quantities of `RAVEN_FIELDS` that are read from a bag by default.
 USUAL_QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint")
-"""Quantities of `RAVEN_FIELDS` that are read from a bag by default."""
 
 RUN_LEVELS: Final[Mapping[str, int]] = {"stopped": 0, "homing": 1, "pedal up": 2, "pedal down": 3}
 """Field ``runlevel``. While homing the arm explores its hard stops: positions mean nothing."""
@@ -148,10 +146,7 @@ class Profile:
         return others[0] if crtk_name(topic) in self.swapped and others else self.arms[spaces[-1]]
 
     def topic(self, arm: str, name: str, namespace: str = "") -> str:
-        """Topic on which the robot has the CRTK name `name` of an arm: the inverse of `arm_of`.
-
-        A `namespace` that is given goes before the profile's own.
-        """
+        """Topic of an arm's CRTK name: the inverse of `arm_of`; in a `namespace`, or its own."""
         if namespace:
             return f"{namespace.rstrip('/')}/{name}"
         for space in self.arms:
@@ -162,10 +157,7 @@ class Profile:
         return f"/{arm}/{name}" if arm else f"/{name}"
 
     def joint_values(self, robot: Robot, name: str, values: Array, rest: Array) -> Array:
-        """Value (n_joints,) for each joint that a message of the command `name` holds.
-
-        `rest` (n_joints,) are those of joints that it says nothing of.
-        """
+        """Values (n_joints,) in a message of the command `name`, `rest` for what it leaves out."""
         count = len(robot.joint_names)
         if self.longer_increments and name in ("servo_jr", "servo_jp") and values.shape == (1,):
             return np.append(values, rest[1:])
@@ -191,14 +183,10 @@ PROFILES: Final[Mapping[str, Profile]] = {
     name: schema.read(Profile, {"name": name, **table}, str(_PROFILES_FILE), RobotError)
     for name, table in read_toml(_PROFILES_FILE, RobotError).items()
 }
-"""Profiles by name."""
 
 
 def profile_of(robot: Robot, name: str = "") -> Profile:
-    """Profile called `name`, else the one called most like the robot, else CRTK's own rules.
-
-    Raises RobotError for an unknown name.
-    """
+    """Profile called `name`, else that most like the robot's name, else CRTK's; or RobotError."""
     alike = [profile for profile in PROFILES if robot.name.startswith(profile)]
     name = name or max(alike, key=len, default="crtk")
     if name not in PROFILES:

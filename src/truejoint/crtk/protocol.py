@@ -13,10 +13,8 @@ BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""
 
 STRETCH: Final = 0.5  # [s], piece of a motion that a robot in real time is sent at once
-ARRIVAL: Final = 2.0
-"""Time that joints may take to come to the last set-point [s]."""
-SILENCE: Final = 1.0
-"""Time without a message [s] after which an arm, or a topic, counts as silent."""
+ARRIVAL: Final = 2.0  # [s] that joints may take to come to the last set-point
+SILENCE: Final = 1.0  # [s] without a message, after which an arm, or a topic, counts as silent
 
 Listener = Callable[[StateBlock | TruthBlock], None]
 

@@ -231,10 +231,7 @@ class ArmServer:
         self._follower.ask(target, name, t)
 
     def _target(self, name: str, message: Any) -> Array:
-        """Set-point (n_joints,) [rad or m] that a command asks for, from that before it.
-
-        Raises TruejointError or ValueError where there is none.
-        """
+        """Set-point (n_joints,) [rad or m] that is asked for; or TruejointError or ValueError."""
         robot, goal = self._arm.robot, self._follower.goal(name)
         if name.endswith(("_cp", "_cr")):
             kinematics, pose = robot.known_kinematics(name), matrix_of(message)

@@ -15,8 +15,7 @@ from truejoint.crtk.handle import Motion
 from truejoint.errors import TruejointError
 from truejoint.robots.blocks import check_range
 
-LAPSE: Final = 0.02
-"""Time without a new set-point after which an arm that has reached the last one stands [s]."""
+LAPSE: Final = 0.02  # [s] without a new set-point: an arm that has reached the last one stands
 _ENDING: Final = 0.1  # [s] that a stream may take to end before a set-point is lost; a pause waits
 _PIECE: Final = 2e-3  # [s] of set-points that are sent at once: the newest one has to wait for them
 _BURST: Final = 0.04  # [s] of set-points that one stands for where those between were passed over
@@ -56,20 +55,14 @@ class SetpointFollower:
         self._stream: _Stream | None = None
 
     def goal(self, command: str) -> Array:
-        """Set-point (n_joints,) [rad or m] that a relative `command` starts at.
-
-        Raises CommandRefused where the arm is not ready.
-        """
+        """Set-point (n_joints,) that a relative `command` starts at; refused if not ready."""
         stream = self._stream
         if stream is not None and not stream.is_over:
             return stream.goal
         return self._arm.latest_setpoint(command, pre_empts=True)
 
     def ask(self, target: Array, command: str, t: float = 0.0) -> None:
-        """Go to `target` (n_joints,) [rad or m], stamped `t` [s], in place of any other.
-
-        Raises CommandRefused if it is out of a joint's range, or the arm is not ready.
-        """
+        """Go to `target` (n_joints,) [rad or m] of `t` [s]; refused out of range or not ready."""
         check_range(self._arm.robot, target[None], command)
         with self._asked:
             stream = self._stream

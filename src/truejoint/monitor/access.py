@@ -28,10 +28,8 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
 MOST_VIEWERS: Final = 16
-MOST_CONNECTIONS: Final = 64
-"""Of all kinds, those that have not said yet what they want among them."""
-MOST_BYTES: Final = 16_384
-"""Of one message; a browser's are a few hundred."""
+MOST_CONNECTIONS: Final = 64  # of all kinds, those that have not said yet what they want among them
+MOST_BYTES: Final = 16_384  # of one message; a browser's are a few hundred
 
 _LOOPBACK_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
 _EVERYWHERE: Final = ("", "0.0.0.0", "::")  # noqa: S104  # the user's choice, not ours

@@ -20,12 +20,9 @@ from truejoint.robots import Robot
 
 LOOPBACK: Final = "127.0.0.1"
 PORT: Final = 8080
-FRAME_RATE: Final = 25.0
-"""Pictures a second."""
-PLOT_EVERY: Final = 5
-"""Pictures after which the plots are drawn anew."""
-WINDOW: Final = 60.0
-"""Time that the plots show at most [s]."""
+FRAME_RATE: Final = 25.0  # pictures a second
+PLOT_EVERY: Final = 5  # pictures after which the plots are drawn anew
+WINDOW: Final = 60.0  # [s] that the plots show at most
 _SPANS: Final = ("10 s", f"{WINDOW:.0f} s")
 
 # The truth is a halo: what is right lies inside.
@@ -115,10 +112,7 @@ class Page:
         silence: float = 0.0,
         at_once: bool = False,
     ) -> None:
-        """Show the last row of `samples`, and every few pictures or `at_once` all over time.
-
-        `silence` is for how long nothing has been heard [s].
-        """
+        """Show the last row, now and then or `at_once` all over time; silent for `silence` [s]."""
         with self._lock, self._server.atomic():
             self._latest = samples
             self._since += 1

@@ -27,8 +27,7 @@ COLOURS: Final = {
     "band": "rgba(47,129,216,0.22)", "stale": "#9aa0a6", "fault": "#d1242f",
 }  # fmt: skip
 
-EVERY: Final = "all calibrated"
-"""In place of a joint."""
+EVERY: Final = "all calibrated"  # in place of a joint
 _LATE: Final = 1.0  # [s]
 
 
@@ -120,10 +119,7 @@ def overview(samples: Samples, robot: Robot, joint: str) -> Panel:
 
 
 def _finite(curves: Sequence[Curve], t: Array) -> list[Curve]:
-    """Leave out curves of which nothing was known of late, then rows where one is missing.
-
-    The plots can draw no gap: a single NaN empties them.
-    """
+    """Leave out curves unknown of late, then rows where one is NaN: one empties viser's plots."""
     late = t > t[-1] - _LATE
     recent = [curve for curve in curves if np.isfinite(np.asarray(curve.y)[late]).any()]
     rows = np.ones(len(t), dtype=bool)

@@ -26,13 +26,11 @@ from truejoint.monitor.page import FRAME_RATE, WINDOW, Page
 from truejoint.monitor.samples import Condition, Samples
 from truejoint.robots import Robot
 
-COMMANDS: Final = ("pause", "resume")
-"""What the buttons ask for."""
+COMMANDS: Final = ("pause", "resume")  # what the buttons ask for
 
 _NAMES: Final = ("joints", "effort_units")  # of samples: the rest are arrays
 _PATIENCE: Final = 2.0  # [s] for it to end by itself
-SILENCE: Final = 1.0
-"""Time without a line from who drives the arm [s] after which the page says so."""
+SILENCE: Final = 1.0  # [s] without a line from who drives the arm: the page says so
 _LAST_WORDS: Final = 0.3  # [s] in which browsers hear that it ends
 _RED: Final = (201, 42, 42)  # on which white letters stand out by 5 to 1
 

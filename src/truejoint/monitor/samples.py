@@ -22,8 +22,7 @@ if TYPE_CHECKING:  # the process that draws needs neither them nor the corrector
 MOST_ROWS: Final = 5000
 """State messages that are corrected for one picture; of more, as an arm faster than real time
 sends them, the latest count."""
-MOST_POINTS: Final = 600
-"""Of a curve."""
+MOST_POINTS: Final = 600  # of a curve
 _TRUTH_AGE: Final = 0.15  # of the latest reading of the joint encoders [s], to count as the truth
 _STAMP_ERROR: Final = 1e-4  # [s]
 _MOST_WORDS: Final = 500  # characters of an error
@@ -164,11 +163,10 @@ class LiveSamples:
     ) -> Samples | None:
         """Correct consecutive state messages, one or more, and show one that has a truth.
 
-        Of an arm that `is_braked` signals may stand still: it keeps its correction.
-
         That is the latest one that a reading of the joint encoders follows, which are taken
         between the readings; without encoders the latest of all. None where the next reading is
-        still to come, or no message is due yet for a model that counts samples.
+        still to come, or no message is due yet for a model that counts samples. Of an arm that
+        `is_braked` signals may stand still: it keeps its correction.
         """
         state = StateBlock.joined(states)
         state = state.rows(slice(max(len(state.t) - MOST_ROWS, 0), None))

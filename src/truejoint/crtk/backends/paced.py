@@ -135,10 +135,7 @@ class PacedBackend(SimulatedBackend):
                 return
 
     def _pass(self, most: int) -> int:
-        """Go along the next set-points, hold the last one, or stand on the brakes.
-
-        Gives for how many periods: `most`, or as many as set-points wait.
-        """
+        """Go along waiting set-points, hold the last or stand braked; gives how many periods."""
         setpoints, periods = list[Array](), most
         with self._advancing_twin():
             if self._state.is_busy:

@@ -23,15 +23,12 @@ from truejoint.robots import Robot
 from truejoint.robots.blocks import GRAIN, QUANTITIES, SETPOINT_DT, StateBlock, TruthBlock
 from truejoint.units import shown
 
-CONNECT_TIMEOUT: Final = 5.0
-"""How long a topic may take to say its first word [s]."""
+CONNECT_TIMEOUT: Final = 5.0  # [s] that a topic may take to say its first word
 _HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
 _HASTE: Final = 0.75  # of a period: set-points that are late follow each other no faster
 _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home says so
-TOLERANCE: Final = {"rad": math.radians(0.15), "m": 1.5e-4}
-"""Distance of a joint from its set-point within which it has arrived [rad or m]."""
-MOST_TRIM: Final = {"rad": math.radians(1.0), "m": 1e-3}
-"""What is added to a set-point at most so that its joint arrives [rad or m]."""
+TOLERANCE: Final = {"rad": math.radians(0.15), "m": 1.5e-4}  # of a joint that has arrived
+MOST_TRIM: Final = {"rad": math.radians(1.0), "m": 1e-3}  # added to a set-point at most
 _TRIM_TIME: Final = 0.2  # [s] in which an error that remains is added once
 _NEAR: Final = 0.4  # share of the tolerance that may remain
 _LAG: Final = 0.06  # [s] by which joints may follow their set-points
@@ -570,10 +567,7 @@ class RosBackend:
             self._changed.notify_all()
 
     def _deliver(self, listener: Listener, block: StateBlock | TruthBlock) -> None:
-        """Give a block to the arm; what its subscribers raise pauses it, and ends its motion.
-
-        A robot that was only looked at is left alone.
-        """
+        """Give the arm a block; what a subscriber raises pauses a robot that was commanded."""
         try:
             with self._delivering:
                 listener(block)
@@ -585,10 +579,7 @@ class RosBackend:
             self._send_command("pause")
 
     def _block(self, t: float, columns: Mapping[str, Array], trim: Array) -> StateBlock:
-        """One row of everything that the robot says; what is not said of any joint is empty.
-
-        The set-point is without the `trim` (n_joints,) that was added to it [rad or m].
-        """
+        """One row of all that the robot says, the set-point without the `trim` (n_joints,)."""
         arrays: dict[str, Any] = {}
         for quantity, names in self._columns.items():
             row = [columns[name][0] if name in columns else 0.0 for name in names]

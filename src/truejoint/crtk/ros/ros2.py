@@ -364,10 +364,8 @@ def _domain(environment: Mapping[str, str]) -> int:
 def discovery(environment: Mapping[str, str]) -> str:
     """Cyclone's configuration for what ROS 2's environment says of who is to be found.
 
-    Raises RosError for a range that ROS 2 does not know.
-
-    Source: ros2/rmw_cyclonedds, with ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and ``ROS_STATIC_PEERS``
-    as docs.ros.org has them since Iron.
+    Raises RosError for a range that ROS 2 does not know. Source: ros2/rmw_cyclonedds, and for
+    ``ROS_AUTOMATIC_DISCOVERY_RANGE`` and ``ROS_STATIC_PEERS`` docs.ros.org since Iron.
     """
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or _RANGES[0]
     peers = [peer for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer]

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-QUEUE: Final = 1000
-"""Messages that wait for a slow reader before the oldest is dropped: a second at 1 kHz."""
+QUEUE: Final = 1000  # messages, a second's, that wait for a slow reader; then the oldest is dropped
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +57,7 @@ class Transport(Protocol):
         """Call `callback` with every message, or the `newest` one alone; gives what ends that."""
 
     def serve(self, name: str, kind: str, answer: Callable[[Any, Any], None]) -> Callable[[], None]:
-        """Offer a service whose response `answer` fills in from the request; gives what ends it.
-
-        Raises RosError where its type is not installed.
-        """
+        """Offer a service that `answer` fills in; gives its end. RosError if not installed."""
 
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now."""
