@@ -1,6 +1,6 @@
 """Poses and twists of a tool, in the frame of the robot's CRTK topics."""
 
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,6 @@ from truejoint.errors import RobotError
 from truejoint.robots.chain import rigid
 from truejoint.robots.parts import Kinematics
 
-Frame = Literal["tool", "body", "spatial"]
 # Between two points of a straight line the joints go straight: 2 mm or 2 deg apart the tool
 # strays by micrometres.
 _SPACING: Final = 2e-3
@@ -24,7 +23,7 @@ def pose(kinematics: Kinematics, joint: ArrayLike) -> Array:
     return np.asarray(kinematics.crtk_from_base @ kinematics.forward(joint))
 
 
-def jacobian(kinematics: Kinematics, joint: ArrayLike, frame: Frame = "tool") -> Array:
+def jacobian(kinematics: Kinematics, joint: ArrayLike, frame: str = "") -> Array:
     """Geometric Jacobian (..., 6, n_joints): velocity over angular velocity.
 
     The velocity is that of the tool's point along the axes of the CRTK topics, or along the tool's

@@ -156,14 +156,11 @@ class Profile:
             arm = f"arm_{arm}"
         return f"/{arm}/{name}" if arm else f"/{name}"
 
-    def joint_values(self, robot: Robot, name: str, values: Array, rest: Array) -> Array:
+    def joint_values(self, name: str, values: Array, rest: Array) -> Array:
         """Values (n_joints,) in a message of the command `name`, `rest` for what it leaves out."""
-        count = len(robot.joint_names)
         if self.longer_increments and name in ("servo_jr", "servo_jp") and values.shape == (1,):
             return np.append(values, rest[1:])
-        if self.longer_increments and name == "servo_jr":
-            return values[:count]
-        return values
+        return values[: len(rest)] if self.longer_increments and name == "servo_jr" else values
 
     def joint(self, name: str) -> str:
         """Joint that is called `name` in a message."""

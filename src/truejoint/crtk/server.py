@@ -4,7 +4,7 @@ import logging
 import math
 import re
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any, Final, Self
@@ -25,9 +25,6 @@ from truejoint.toml_file import shipped_table
 
 _TWIST: Final = "geometry_msgs/TwistStamped"
 _POSE: Final = "geometry_msgs/PoseStamped"
-_TRANSFORM: Final = "geometry_msgs/TransformStamped"
-_EMPTY: Final = "std_msgs/Empty"
-_ARRAY: Final = "std_msgs/Float64MultiArray"
 _WRENCH: Final = "geometry_msgs/WrenchStamped"
 _TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
 _JAW: Final = "jaw/"  # the grasper, whose one position is the opening
@@ -36,7 +33,6 @@ _TABLE: Final = shipped_table(__package__, "topics.toml")
 _COMMANDS, _OF_JAW, _RELATIVE = (_TABLE[key] for key in ("commands", "of_jaw", "relative"))
 _NOT_OFFERED: Final[Mapping[str, str]] = _TABLE["not_offered"]
 _OF_DVRK: Final[Mapping[str, str]] = _TABLE["of_dvrk"]
-_JACOBIANS: Final[Mapping[str, cartesian.Frame]] = _TABLE["jacobians"]
 _QUERIES: Final[Mapping[str, str]] = _TABLE["queries"]
 _SAID_APART: Final = ("truth", "operating_state", _RATIO)  # not with each state message
 _LATE: Final = 0.5  # [s] by which the stamp of a set-point may be off the clock
@@ -62,9 +58,8 @@ class ArmServer:
     The arm runs in real time. Of states that come at once, as where the computer is late, the
     newest is published. `profile` names how its messages differ from CRTK
     (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
-    profile's, and `rate` the most state messages a second [Hz].
-
-    Raises RobotError if there is no such profile.
+    profile's, and `rate` the most state messages a second [Hz]. Raises RobotError if there is no
+    such profile.
     """
 
     def __init__(
@@ -93,9 +88,10 @@ class ArmServer:
         self._warned: dict[str, float] = {}  # when, by line without numbers [s]
         self._velocity_t = -math.inf
         self._read: tuple[float, list[str]] = (-math.inf, [])  # since when [s], topics with readers
-        self._state_said: tuple[float, tuple[Any, ...]] = (-math.inf, ())
+        self._state_said: tuple[float, dict[str, Any]] = (-math.inf, {})
         self._threads: list[threading.Thread] = []
-        self._pose_kind = _TRANSFORM if self._profile.swapped else _POSE
+        swapped = self._profile.swapped
+        self._pose_kind = "geometry_msgs/TransformStamped" if swapped else _POSE
         spaces = [space for space, of in self._profile.arms.items() if of == arm.robot.arm]
         self._grasper = "".join(self._profile.grasper.get(space, "") for space in spaces)
         # Set-points first, so that whoever joins the two has both.
@@ -103,7 +99,7 @@ class ArmServer:
         self._kinds["operating_state"] = self._profile.operating_state
         if arm.robot.kinematics is not None:
             self._kinds |= dict.fromkeys(("measured_cp", "setpoint_cp"), self._pose_kind)
-            self._kinds |= {"measured_cv": _TWIST, **({} if self._profile.swapped else _OF_DVRK)}
+            self._kinds |= {"measured_cv": _TWIST, **({} if swapped else _OF_DVRK)}
         if self._profile.actuators:
             self._kinds[messages.POT_TOPIC] = JOINT_STATE
         if arm.robot.name == "raven2":
@@ -136,8 +132,12 @@ class ArmServer:
                 reading.callback(subscribe(self._name(name), kind, receive, newest=newest))
             topic = self._name("state_command")
             reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
-            if "jacobian" in self._kinds:
-                self._serve_kinematics(reading)
+            try:  # ROS may not know the services' types
+                for name, kind in _QUERIES.items() if "jacobian" in self._kinds else ():
+                    answer = partial(self._answer, name)
+                    reading.callback(self._transport.serve(self._name(name), kind, answer))
+            except RosError as lack:
+                _log.warning("no kinematics as services: %s", lack)
             self._reading, self._writing = reading.pop_all(), writing.pop_all()
         self._arm.subscribe(self._report)
         thread = threading.Thread(target=self._report_idle, name="idle reports", daemon=True)
@@ -169,7 +169,7 @@ class ArmServer:
         """Type of a command's messages; RAVEN's poses and twists are TransformStamped."""
         if command.endswith(("_cp", "_cr", "_cv")):
             return _TWIST if command == "servo_cv" and self._pose_kind == _POSE else self._pose_kind
-        return _EMPTY if command == "hold" else JOINT_STATE
+        return "std_msgs/Empty" if command == "hold" else JOINT_STATE
 
     # Commands.
 
@@ -252,7 +252,6 @@ class ArmServer:
         return target
 
     def _joint_target(self, name: str, message: Any, goal: Array) -> Array:
-        """Set-point (n_joints,) [rad or m] that a message of joints asks for."""
         robot, command = self._arm.robot, name.removeprefix(_JAW)
         values = np.array(message.velocity if command == "servo_jv" else message.position)
         named = [self._profile.joint(each) for each in message.name]
@@ -267,7 +266,7 @@ class ArmServer:
             jaws = robot.index(self._jaws)
             rest[jaws] += (values[0] - rest[jaws].sum()) / len(jaws)
             values = rest
-        values = self._profile.joint_values(robot, command, values, rest)
+        values = self._profile.joint_values(command, values, rest)
         target = checked_vector(robot, values, name)
         if command == "servo_jv":
             target = np.clip(target, -self._top, self._top) * self._velocity_time()
@@ -303,15 +302,6 @@ class ArmServer:
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()
 
-    def _serve_kinematics(self, reading: ExitStack) -> None:
-        """Answer both kinematics' services, where ROS knows their types."""
-        try:
-            for name, kind in _QUERIES.items():
-                answer = partial(self._answer, name)
-                reading.callback(self._transport.serve(self._name(name), kind, answer))
-        except RosError as lack:
-            _log.warning("no kinematics as services: %s", lack)
-
     def _answer(self, name: str, request: Any, response: Any) -> None:
         """Fill in what a query of crtk_msgs is answered; its ``message`` says why there is none."""
         robot = self._arm.robot
@@ -319,14 +309,11 @@ class ArmServer:
             kinematics = robot.known_kinematics(name)
             joint = checked_vector(robot, request.jp, name)
             if name == "inverse_kinematics":
-                pose = _pose_of(request.cp.position, request.cp.orientation)
-                reached = cartesian.joints_at(kinematics, pose, joint)
+                reached = cartesian.joints_at(kinematics, matrix_of(request.cp), joint)
                 check_range(robot, reached[None], name)
                 response.jp = reached.tolist()
             else:
-                place, turn = cartesian.place_and_turn(cartesian.pose(kinematics, joint))
-                _fill(response.cp.position, place)
-                _fill(response.cp.orientation, turn)
+                _fill(response.cp, cartesian.place_and_turn(cartesian.pose(kinematics, joint)))
             response.result = True
         except (TruejointError, ValueError) as refusal:
             response.result, response.message = False, str(refusal)
@@ -370,12 +357,11 @@ class ArmServer:
                 self._publish(name, t, **self._joint_values(name, columns))
             elif name.endswith(("_cp", "_cv")):
                 message = self._transport.stamped(self._kinds[name], self._stamp(t))
-                for part, numbers in zip(_parts(message), self._tool(name, block), strict=True):
-                    _fill(part, numbers)
+                _fill(message, self._tool(name, block))
                 made.publish(message)
-            elif name in _JACOBIANS:
-                joint = block.measured[0, robot.joint_channels]
-                rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
+            elif name.endswith("jacobian"):
+                joint, frame = block.measured[0, robot.joint_channels], name.rpartition("/")[0]
+                rows = cartesian.jacobian(robot.known_kinematics(name), joint, frame)
                 made.publish(self._array(rows))
             elif self._kinds[name] == _WRENCH:  # no twin knows it: stamp 0, not valid
                 made.publish(self._transport.message(_WRENCH))
@@ -415,7 +401,7 @@ class ArmServer:
 
     def _array(self, rows: Array) -> Any:
         """Message of a matrix (m, n), row by row."""
-        message = self._transport.message(_ARRAY)
+        message = self._transport.message("std_msgs/Float64MultiArray")
         for label, size in zip(("rows", "columns"), rows.shape, strict=True):
             dimension = self._transport.message("std_msgs/MultiArrayDimension")
             dimension.label, dimension.size = label, size
@@ -436,11 +422,10 @@ class ArmServer:
         now = self._arm.operating_state()
         moves = self._move is not None and self._move.is_busy()
         busy = now.is_busy and (moves or not now.is_homed)
-        values = now.state, now.is_homed, busy
+        fields = {"state": now.state, "is_homed": now.is_homed, "is_busy": busy}
         last, said = self._state_said
-        if self._profile.repeats_state or values != said or not 0.0 <= t - last < _STATE:
-            self._state_said = t, values
-            fields = dict(zip(("state", "is_homed", "is_busy"), values, strict=True))
+        if self._profile.repeats_state or fields != said or not 0.0 <= t - last < _STATE:
+            self._state_said = t, fields
             self._publish("operating_state", t, **fields)
 
     def _publish(self, crtk: str, t: float, **values: Any) -> None:
@@ -462,10 +447,7 @@ class ArmServer:
 
 def matrix_of(message: Any) -> Array:
     """Pose (4, 4) [m] of a message; raises CommandRefused if its quaternion is no turn."""
-    return _pose_of(*_parts(message))
-
-
-def _pose_of(place: Any, turn: Any) -> Array:
+    place, turn = _parts(message)
     quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
     if not (np.isfinite(quaternion).all() and abs(np.linalg.norm(quaternion) - 1.0) < 1e-3):
         raise CommandRefused(f"pose refused: quaternion {quaternion.tolist()} is no turn")
@@ -476,15 +458,17 @@ def _pose_of(place: Any, turn: Any) -> Array:
 
 
 def _parts(message: Any) -> tuple[Any, Any]:
-    """Two vectors of a PoseStamped, TransformStamped or TwistStamped: what moves, what turns."""
-    if hasattr(message, "pose"):
-        return message.pose.position, message.pose.orientation
+    """Two vectors of a Pose, a stamped one, a transform or a twist: what moves, what turns."""
     if hasattr(message, "twist"):
         return message.twist.linear, message.twist.angular
-    return message.transform.translation, message.transform.rotation
+    if hasattr(message, "transform"):
+        return message.transform.translation, message.transform.rotation
+    pose = getattr(message, "pose", message)
+    return pose.position, pose.orientation
 
 
-def _fill(vector: Any, values: Iterable[float]) -> None:
-    """Set x, y, z and w, as many as there are values."""
-    for axis, value in zip("xyzw", values, strict=False):
-        setattr(vector, axis, float(value))
+def _fill(message: Any, numbers: tuple[Array, Array]) -> None:
+    """Set the two vectors of a message, each with as many axes as it has values."""
+    for vector, values in zip(_parts(message), numbers, strict=True):
+        for axis, value in zip("xyzw", values, strict=False):
+            setattr(vector, axis, float(value))
