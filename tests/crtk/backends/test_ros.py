@@ -220,7 +220,7 @@ def test_a_robot_without_joints_leaves_no_topic_open(served, arm, monkeypatch):
         start()
 
     monkeypatch.setattr(backend._stream, "start", start_soon)
-    monkeypatch.setattr(backend._stream, "_receive", lambda *_: None)
+    monkeypatch.setattr(backend._stream, "_on_row", lambda *_: None)
     for _ in range(2):  # and it may be tried again
         monkeypatch.setattr(ros, "CONNECT_TIMEOUT", LONG)
         with pytest.raises(RosError, match="no message on /arm1/measured_js"):

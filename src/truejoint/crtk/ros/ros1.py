@@ -124,15 +124,10 @@ def _close(made: Any) -> None:
 
 def _by_definition(kind: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
     """Take raw messages apart as the definition says that came with the connection."""
-    classes: dict[str, Any] = {}
 
     def receive(raw: Any) -> None:
         header = raw._connection_header
-        made = classes.get(header["md5sum"])
-        if made is None:
-            made = _generated(header.get("type", kind), header["message_definition"])
-            classes[header["md5sum"]] = made
-        message = made()
+        message = _generated(header.get("type", kind), header["message_definition"])()
         message.deserialize(raw._buff)
         callback(message)
 
@@ -169,6 +164,7 @@ def _service_class(kind: str) -> Any:
     return type(kind.partition("/")[2], (), of)
 
 
+@cache
 def _generated(kind: str, definition: str) -> Any:
     return import_module("genpy.dynamic").generate_dynamic(kind, definition)[kind]
 

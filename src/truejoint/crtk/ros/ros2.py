@@ -9,8 +9,9 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
@@ -51,7 +52,6 @@ class Ros2:
     ``ROS_DOMAIN_ID``, ``ROS_AUTOMATIC_DISCOVERY_RANGE``, ``ROS_STATIC_PEERS``,
     ``ROS_LOCALHOST_ONLY`` and ``CYCLONEDDS_URI`` mean what they mean to ROS 2. Clients on Fast DDS
     get no answer from services: Cyclone DDS cannot say whose the answer is as they want it said.
-
     Raises RosError if one of them has no meaning, or the network cannot be used.
     """
 
@@ -108,7 +108,7 @@ class Ros2:
         """Begin to write a topic."""
         made = message_class(_full_name(kind))
         writer = self._endpoint(DataWriter, f"rt{topic}", made, latched=latched)
-        end = self._begin(writer)
+        end = self._shown(self._writers, writer, partial(_end, writer))
         return Publisher(topic, writer.write, end, lambda: len(writer.get_matched_subscriptions()))
 
     def subscribe(
@@ -138,20 +138,16 @@ class Ros2:
         who = f"serviceid={'.'.join(f'{byte:x}' for byte in os.urandom(16))};"
         reader = self._endpoint(DataReader, f"rq{name}Request", request, who=who)
         writer = self._endpoint(DataWriter, f"rr{name}Reply", response, who=who)
-        end_writer = self._begin(writer)
 
         def respond(call: Any) -> None:
             reply = response(call.client_guid, call.sequence_number)
             answer(call, reply)
             writer.write(reply)
 
-        stop = self._listen(_Subscription(name, respond, [reader]))
-
-        def end() -> None:
-            stop()
-            end_writer()
-
-        return end
+        ending = ExitStack()
+        ending.callback(self._shown(self._writers, writer, partial(_end, writer)))
+        ending.callback(self._listen(_Subscription(name, respond, [reader])))
+        return ending.close
 
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now, once others had the time to be found."""
@@ -190,15 +186,11 @@ class Ros2:
         qos = _qos(f"{who}typehash={kind.TYPE_HASH};", depth=depth, latched=latched)
         return make(self._participant, self._topics[name, kind], qos)
 
-    def _begin(self, writer: DataWriter[Any]) -> Callable[[], None]:
-        return self._shown(self._writers, writer, lambda: _end(writer))
-
     def _listen(self, subscription: "_Subscription") -> Callable[[], None]:
         """Begin to hand messages over; gives what ends it."""
         subscription.attach(self._waits)
-        return self._shown(
-            self._subscriptions, subscription, lambda: subscription.detach(self._waits)
-        )
+        release = partial(subscription.detach, self._waits)
+        return self._shown(self._subscriptions, subscription, release)
 
     def _shown(
         self, endpoints: list[Any], endpoint: Any, release: Callable[[], None]
@@ -257,7 +249,6 @@ class _Subscription:
     _last: dict[int, int] = field(default_factory=dict)  # stamp [ns] by writer
 
     def attach(self, waits: core.WaitSet) -> None:
-        """Let `waits` wake for new messages."""
         self._conditions = [core.ReadCondition(reader, _NEW) for reader in self.readers]
         for condition in self._conditions:
             waits.attach(condition)
@@ -270,7 +261,6 @@ class _Subscription:
             _end(self.readers.pop())
 
     def take(self) -> None:
-        """Hand over what has come."""
         for place, reader in enumerate(tuple(self.readers)):
             only_first = place == 0 and len(self.readers) > 1
             for _ in range(_BATCH):
@@ -290,12 +280,10 @@ class _Subscription:
             reader: Any = self.readers[-1]
             status = reader.get_requested_incompatible_qos_status()
             if status.total_count_change:
-                is_less = status.last_policy_id == _RELIABILITY
-                what = "best effort" if is_less else "of another type"
-                advice = "make it reliable" if is_less else "is it this robot's?"
-                _log.warning(
-                    "%s: its publisher is %s, and is not heard; %s", self.topic, what, advice
-                )
+                why = "of another type, and is not heard; is it this robot's?"
+                if status.last_policy_id == _RELIABILITY:
+                    why = "best effort, and is not heard; make it reliable"
+                _log.warning("%s: its publisher is %s", self.topic, why)
 
     def _is_new(self, sample: Any, *, only_first: bool) -> bool:
         writer, stamp = sample.publication_handle, sample.source_timestamp

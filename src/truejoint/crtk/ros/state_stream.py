@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -32,22 +33,17 @@ class StateStream:
     They are read from ``measured_js``, with the newest ``setpoint_js`` beside it unless that is
     `SILENCE` older; of a robot whose profile says that CRTK's messages lack effort and
     set-point, from its ``ravenstate``. The arm's topics are in `namespace`, for instance
-    ``"/PSM1"``, by default the profile's. `receive` is called with a state message, its stamp [s]
+    ``"/PSM1"``, by default the profile's. `on_row` is called with a state message, its stamp [s]
     and its columns, (1,) each. Messages with an invalid stamp are left out, and counted in
     `invalid`; `refusal` says why the latest could not be read, `stale` since when set-points have
     ceased, each empty where that is not so.
     """
 
     def __init__(
-        self,
-        transport: Transport,
-        robot: Robot,
-        profile: Profile,
-        receive: Row,
-        namespace: str = "",
+        self, transport: Transport, robot: Robot, profile: Profile, on_row: Row, namespace: str = ""
     ) -> None:
         self._transport, self._robot, self._profile = transport, robot, profile
-        self._receive = receive
+        self._on_row = on_row
         self.namespace = namespace.rstrip("/")
         self.reads_raven = not self.namespace and profile.no_effort and profile.no_setpoint
         self.topic = RAVEN_TOPIC if self.reads_raven else self.name("measured_js")
@@ -86,11 +82,8 @@ class StateStream:
 
     def _measured(self, message: Any, t: float) -> Mapping[str, Array]:
         columns = self.columns_of(message, "measured")
-        unused = (
-            f"{quantity}/{channel}"
-            for quantity in dict.fromkeys(name.partition("/")[0] for name in columns)
-            for channel in self._robot.unused_channels
-        )
+        quantities = {name.partition("/")[0]: None for name in columns}
+        unused = map("/".join, product(quantities, self._robot.unused_channels))
         return {**columns, **dict.fromkeys(unused, np.zeros(1)), **self._newest(t)}
 
     def _raven(self, message: Any, _: float) -> Mapping[str, Array]:
@@ -134,4 +127,4 @@ class StateStream:
             self.refusal = f"{self.topic}: {refusal}"
             return
         self.refusal = ""
-        self._receive(message, t, row)
+        self._on_row(message, t, row)
