@@ -452,7 +452,6 @@ class Arm:
         return motion
 
     def _run(self, motion: Motion, pieces: Iterator[Array], *, waits: bool = True) -> None:
-        """Make a motion in this thread."""
         self._drive(motion, pieces, waits=waits)
         motion.wait()
 
@@ -491,13 +490,12 @@ class Arm:
         path, taken = np.vstack([self._latest_setpoints(), rows]), 0
         while taken < len(rows) and not self._stop_command:
             state = self._backend.operating_state()
-            if not state.is_ready:  # the robot itself, or another program, has stopped it
-                raise motion.stopped(state.state, state.t)
-            if self._jump_reported:
-                raise motion.stopped(self._jump_reported, state.t)
             silent = 0.0 if self._latest is None else state.t - float(self._latest.t[-1])
-            if silent > SILENCE and self._unreported_s > SILENCE:
+            # The robot itself, or another program, may have stopped it.
+            why = self._jump_reported if state.is_ready else state.state
+            if not why and silent > SILENCE and self._unreported_s > SILENCE:
                 why = f"no state message for {silent:.1f} s; does it report?"
+            if why:
                 raise motion.stopped(why, state.t)
             every = min((s.every for s in tuple(self._subscriptions)), default=self.stretch)
             size = max(round(min(max(every, self.grain), self.stretch) * self.rate), 1)
@@ -583,7 +581,6 @@ def as_arm(value: Arm) -> Arm:
 
 @atexit.register
 def _leave_paused() -> None:
-    """Leave no arm moving when the program ends."""
     for arm in tuple(_OPEN):
         with suppress(Exception):
             arm.close()

@@ -161,7 +161,6 @@ class PacedBackend(SimulatedBackend):
         return periods
 
     def _passed(self, piece: TwinOutput) -> None:
-        """Let the time of a piece of the homing pass."""
         duration = len(piece.t) * SETPOINT_DT
         now = time.perf_counter()
         self._due = max(self._due, now - _HOPELESS) + duration

@@ -113,62 +113,60 @@ class RosBackend:
     ) -> None:
         self.robot: Final = robot
         self.rate: Final = float(rate)
+        # It asks whether to go on at each set-point, and at each look about.
+        self.grain: Final = max(GRAIN, 1.0 / self.rate)
         self._transport = transport
         self._profile = profile_of(robot, profile)
         self._truth, self._beside = truth, tuple(beside)
-        self._readings: dict[str, tuple[float, Mapping[str, Array]]] = {}  # and when [s], by topic
         self._columns = {q: [f"{q}/{channel}" for channel in robot.channels] for q in QUANTITIES}
-        self._stream = StateStream(
-            transport, robot, self._profile, self._on_state, namespace=namespace
-        )
+        self._stream = StateStream(transport, robot, self._profile, self._on_state, namespace)
         self._listener: Listener | None = None
         self._changed = threading.Condition()  # of what follows
-        self._state: OperatingState | None = None
         self._heard = -np.inf  # when, by this computer's clock
         self._ahead = 0.0  # of the robot's clock [s]
-        self._homing = self._refusal = ""
-        self._setpoint: Array | None = None
-        self._velocity: tuple[float, Array] | None = None
         self._delivering = threading.Lock()
         self._topics = ExitStack()
         self._servo: Publisher
         self._command: Publisher
         self._due = self._paced = 0.0  # when the last set-point was due, and was sent [s]
+        self._ranges: deque[tuple[float, Array, Array]] = deque(maxlen=2)  # of what was sent, since
+        self._left: deque[float] = deque(maxlen=_LEAVES)  # when [s] the robot's left both of these
+        self._is_far = False
+        self._reported = -math.inf  # stamp [s] of the newest state
+        # A joint that has arrived creeps on: a fifth of the tolerance is for that.
+        self._near = 0.8 * np.array([tolerance[joint.unit] for joint in robot.joints])
+        self._most_trim = np.array([MOST_TRIM[joint.unit] for joint in robot.joints])
+        self._largest_step = np.array([joint.max_speed for joint in robot.joints]) / rate
+        self._trimmed = -math.inf  # when the trim was last looked at
+        self._closed = threading.Event()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Know nothing of the robot: it may have been homed since an earlier listener."""
+        self._state: OperatingState | None = None
+        self._setpoint: Array | None = None
+        self._measured: Array | None = None
+        self._velocity: tuple[float, Array] | None = None
+        self.homing_id = ""  # stamp of the homing that was seen, not of one from before
+        self._refusal = ""
+        self._readings: dict[str, tuple[float, Mapping[str, Array]]] = {}  # and when [s], by topic
+        self._has_commanded = False
+        self._failure: BaseException | None = None
+        self._forget_sent()
+
+    def _forget_sent(self) -> None:
+        self._settling = math.inf, -math.inf  # when the trim may change
+        self._trim = np.zeros(len(self.robot.joints))
         self._stamp = -math.inf  # of the newest set-point [s]
         self._sent: Array | None = None
         self._stood: Array | None = None  # where the robot's set-point was then
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
         self._astray: tuple[float, Array] | None = None  # since when [s] the set-point stands off
-        self._ranges: deque[tuple[float, Array, Array]] = deque(maxlen=2)  # of what was sent, since
-        self._left: deque[float] = deque(maxlen=_LEAVES)  # when [s] the robot's left both of these
-        self._is_far = False
-        self._reported = -math.inf  # stamp [s] of the newest state
-        self._measured: Array | None = None
-        # A joint that has arrived creeps on: a fifth of the tolerance is for that.
-        self._near = 0.8 * np.array([tolerance[joint.unit] for joint in robot.joints])
-        self._most_trim = np.array([MOST_TRIM[joint.unit] for joint in robot.joints])
-        self._largest_step = np.array([joint.max_speed for joint in robot.joints]) / rate
-        self._trim = np.zeros(len(robot.joints))
-        self._settling = math.inf, -math.inf  # when the trim may change
-        self._trimmed = -math.inf  # when it was last looked at
-        self._has_commanded = False
-        self._failure: BaseException | None = None
-        self._closed = threading.Event()
-
-    @property
-    def grain(self) -> float:
-        """Time [s] within which it asks whether to go on: each set-point, and each look about."""
-        return max(GRAIN, 1.0 / self.rate)
 
     @property
     def time(self) -> float:
         """Stamp of the robot's newest message, and what has passed since [s]."""
         return time.monotonic() + self._ahead
-
-    @property
-    def homing_id(self) -> str:
-        """Stamp of the homing that was seen; empty where the robot was homed before."""
-        return self._homing
 
     def connect(self, listener: Listener) -> None:
         """Deliver all blocks from now on to `listener`, once the robot reports its state.
@@ -179,11 +177,7 @@ class RosBackend:
             raise CommandRefused(
                 f"{self.robot.title} refused: another Arm controls it; close that one first"
             )
-        # Forget what an earlier listener saw: the robot may have been homed meanwhile.
-        self._state = self._setpoint = self._measured = self._velocity = None
-        self._failure = None
-        self._homing, self._has_commanded = "", False
-        self._readings.clear()
+        self._forget()
         self._closed.clear()
         self._listener = listener
         try:
@@ -191,47 +185,39 @@ class RosBackend:
         except BaseException:
             self.disconnect()
             raise
-        self._forget_sent()
 
     def _open(self) -> None:
         """Take up the topics; returns once the robot reports its state, and its joints if homed."""
         name, transport = self._stream.name, self._transport
+        closing, subscribe = self._topics.callback, transport.subscribe
         self._servo = transport.publisher(name("servo_jp"), JOINT_STATE)
-        self._topics.callback(self._servo.close)
+        closing(self._servo.close)
         self._command = transport.publisher(name("state_command"), STRING_STAMPED)
-        self._topics.callback(self._command.close)
-        kind = self._profile.operating_state
-        close = transport.subscribe(name("operating_state"), kind, self._on_operating)
-        self._topics.callback(close)
+        closing(self._command.close)
+        for topic in self._beside:
+            closing(subscribe(topic, JOINT_STATE, partial(self._on_beside, topic)))
         if self._truth:
-            self._topics.callback(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
+            closing(subscribe(self._truth, JOINT_STATE, self._on_truth))
+        kind = self._profile.operating_state
+        closing(subscribe(name("operating_state"), kind, self._on_operating))
         with self._changed:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
-        if self._truth and not self._is_written(self._truth):
+        if self._truth and not any(
+            self._truth in transport.topics() or self._closed.wait(GRAIN) for _ in range(_LOOKS)
+        ):
             states = sorted(t for t, kind in transport.topics().items() if kind == JOINT_STATE)
             near = meant(self._truth, states) or f" joint states: {', '.join(states) or 'none'}"
             raise RosError(f"{self._truth}: no truth is published there;{near}")
-        for topic in self._beside:
-            read = partial(self._on_beside, topic)
-            self._topics.callback(transport.subscribe(topic, JOINT_STATE, read))
         with self._changed:
             self._changed.wait_for(
-                lambda: self._refusal or len(self._readings) == len({*self._beside}),
-                CONNECT_TIMEOUT if self._beside else 0.0,
+                lambda: self._refusal or self._readings.keys() >= {*self._beside}, CONNECT_TIMEOUT
             )
         if silent := [topic for topic in self._beside if topic not in self._readings]:
             raise RosError(self._refusal or self._nobody(silent[0]))
         self._stream.start()
         if self.operating_state().is_homed:
             self._wait_for_joints()
-
-    def _is_written(self, topic: str) -> bool:
-        """Whether somebody writes a topic, now or in a moment."""
-        for _ in range(_LOOKS):
-            if topic in self._transport.topics() or self._closed.wait(GRAIN):
-                return True
-        return False
 
     def disconnect(self) -> None:
         """Deliver no more blocks, and give the topics up."""
@@ -267,9 +253,10 @@ class RosBackend:
         before, began = self.operating_state(), self.time
         self._settling = math.inf, -math.inf
         self._send_command(command)
-        homing = {"begun": not before.is_homed}  # so that it has homed as soon as it says so
+        homes = not before.is_homed  # so that it has homed as soon as it says so
 
         def is_done() -> bool:
+            nonlocal homes
             now = self.operating_state()
             if now.state == "FAULT" and before.state != "FAULT":
                 raise CommandRefused(f"{command!r} stopped: the robot reports FAULT; see its log")
@@ -277,14 +264,13 @@ class RosBackend:
                 return now.state == LEADS_TO[command][1]
             if command == "unhome":
                 return not now.is_homed
-            homing["begun"] = homing["begun"] or now.is_busy or not now.is_homed
             if now.state != "ENABLED":
                 raise MotionStopped(
                     f"'home' stopped at t = {now.t:.3f} s: {now.state}; the arm is not homed"
                 )
             # A robot that is homed already may have nothing to do.
-            begun = homing["begun"] or now.t - began > _BEGINNING
-            return begun and now.is_homed and not now.is_busy
+            homes |= now.is_busy or not now.is_homed or now.t - began > _BEGINNING
+            return homes and now.is_homed and not now.is_busy
 
         with self._changed:
             while not is_done():
@@ -297,13 +283,6 @@ class RosBackend:
             self._forget_sent()
         if command == "home":
             self._wait_for_joints()
-
-    def _forget_sent(self) -> None:
-        self._settling = math.inf, -math.inf
-        self._sent = self._astray = None
-        self._stamp = -math.inf
-        self._trim = np.zeros_like(self._trim)
-        self._in_flight.clear()
 
     def _send_command(self, command: StateCommand) -> None:
         message = self._transport.stamped(STRING_STAMPED, self._transport.now())
@@ -391,7 +370,6 @@ class RosBackend:
         return True
 
     def _not_taken(self, setpoint: Array) -> CommandRefused:
-        """Error that the robot's set-point (n_joints,) is not that which was sent."""
         sent, self._astray = self._in_flight[-1][1], None
         self._in_flight.clear()
         k = int(np.argmax(np.abs(setpoint - sent) / self._near))
@@ -483,8 +461,7 @@ class RosBackend:
         if not (begin < now < end and self._in_flight and now - self._trimmed >= self.grain):
             return
         if not self._is_among([row for _, row in tuple(self._in_flight)], setpoint):
-            # Others move the arm now.
-            self._settling = math.inf, -math.inf
+            self._settling = math.inf, -math.inf  # others move the arm now
             return
         # Joints of before the last set-point was taken would be trimmed twice on a slow link.
         is_taken = (np.abs(setpoint - self._in_flight[-1][1]) <= 0.1 * self._near).all()
@@ -517,7 +494,6 @@ class RosBackend:
                 )
 
     def _wait_for_joints(self) -> None:
-        """Return once the homed robot has reported its joints; raises RosError if it does not."""
         with self._changed:
             heard = self._changed.wait_for(lambda: self._setpoint is not None, CONNECT_TIMEOUT)
         if not heard:
@@ -541,7 +517,7 @@ class RosBackend:
             )
             self._tell_time(t)
             if was is not None and self._state.is_homed and not was.is_homed:
-                self._homing = f"homed at {t:.3f}"
+                self.homing_id = f"homed at {t:.3f}"
             if not self._state.is_homed:
                 self._setpoint = self._measured = None
             self._changed.notify_all()
@@ -590,17 +566,12 @@ class RosBackend:
             arrays["setpoint"] = measured
         else:
             arrays["setpoint"][:, self.robot.joint_channels] -= trim
-        if not arrays["velocity"].shape[1]:
-            arrays["velocity"] = self._speed(t, measured)
+        if not arrays["velocity"].shape[1]:  # the robot states none: the change since the last row
+            (before, last), self._velocity = self._velocity or (t, measured), (t, measured)
+            change = measured - last
+            arrays["velocity"] = change / (t - before) if t > before else np.zeros_like(change)
         extra = {n: v for _, columns in self._readings.values() for n, v in columns.items()}
         return StateBlock(np.array([t]), self.robot.channels, **arrays, extra=extra)
-
-    def _speed(self, t: float, measured: Array) -> Array:
-        """Change since the last row [rad/s or m/s], for robots that state no velocity."""
-        last, self._velocity = self._velocity, (t, measured)
-        if last is None or not t > last[0]:
-            return np.zeros_like(measured)
-        return np.asarray((measured - last[1]) / (t - last[0]))
 
     def _on_beside(self, topic: str, message: Any) -> None:
         position = np.array([message.position], dtype=float)
