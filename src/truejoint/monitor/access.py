@@ -107,11 +107,9 @@ def guarded(access: Access) -> Iterator[None]:
         handler: Any, host: str, port: int, *, process_request: Any, **how: Any
     ) -> Any:
         asyncio.get_running_loop().set_exception_handler(_note_failure)
-        limits = {"max_size": MOST_BYTES, "create_connection": _Connection, "logger": _log}
-        return serve(
-            handler, host, port, process_request=_door(access, process_request),
-            process_response=_with_headers, **how | limits,
-        )  # fmt: skip
+        how |= {"max_size": MOST_BYTES, "create_connection": _Connection, "logger": _log}
+        how |= {"process_response": _with_headers}
+        return serve(handler, host, port, process_request=_door(access, process_request), **how)
 
     with _STARTING:
         websocket_server.serve = guarded_serve  # type: ignore[assignment, misc]
@@ -139,10 +137,9 @@ def _door(access: Access, serve_page: Callable[[Any, Request], Response | None])
         request.path = "/"
         response = serve_page(connection, request)
         if response is not None:
-            body = _page(response.headers["Content-Encoding"])
-            response.body = body
+            response.body = _page(response.headers["Content-Encoding"])
             del response.headers["Content-Length"]
-            response.headers["Content-Length"] = str(len(body))
+            response.headers["Content-Length"] = str(len(response.body))
         return response
 
     return answer
@@ -164,8 +161,7 @@ def _text(package: str, path: str) -> str:
 
 
 def _with_headers(_connection: Any, _request: Request, response: Response) -> None:
-    for name, value in {**HEADERS, "Content-Security-Policy": content_policy()}.items():
-        response.headers[name] = value
+    response.headers.update({**HEADERS, "Content-Security-Policy": content_policy()})
 
 
 @cache

@@ -143,7 +143,6 @@ class Page:
         )
 
     def _set_stage(self, drawing: ArmDrawing) -> None:
-        """Set light, floor and camera for an arm of this size."""
         scene, size = self._server.scene, drawing.size
         points = drawing.at([self._robot.home]).balls[0]
         middle, lowest = 0.5 * (points.min(axis=0) + points.max(axis=0)), points[:, 2].min()
@@ -167,15 +166,12 @@ class Page:
 
     def _welcome(self, client: Any) -> None:
         """Step back for who looks through a narrow window, whose lower half a sheet covers."""
-        if client.camera.aspect < _NARROW:
-            position, target = self._view
+        camera, (position, target) = client.camera, self._view
+        if camera.aspect < _NARROW:
             back = 0.9 * (position - target)
             down = np.array([0.0, 0.0, 0.5 * np.linalg.norm(back)])
             with client.atomic():
-                client.camera.position, client.camera.look_at = (
-                    position + back - down,
-                    target - down,
-                )
+                camera.position, camera.look_at = position + back - down, target - down
 
     def _draw(self, samples: Samples, is_fresh: bool) -> None:
         poses = panels.poses(samples, self._robot) if self._drawing is not None else {}
@@ -206,10 +202,8 @@ class Page:
                 for handle in self._plots.values():
                     handle.remove()
                 with self._plot_tab:
-                    self._plots = {
-                        shape: self._add_plot(plot, 1.0 + k)
-                        for k, (shape, plot) in enumerate(zip(shapes, plots, strict=True))
-                    }
+                    made = [self._add_plot(plot, 1.0 + k) for k, plot in enumerate(plots)]
+                self._plots = dict(zip(shapes, made, strict=True))
                 return
             for handle, plot in zip(self._plots.values(), plots, strict=True):
                 handle.data = _data(plot)
@@ -241,7 +235,6 @@ def _data(plot: Panel) -> tuple[Any, ...]:
 
 
 def _axis(size: int) -> dict[str, Any]:
-    """Axis of a plot that takes up `size` px."""
     ticks = {"size": 4, "width": 1, "stroke": panels.COLOURS["stale"]}
     return {"size": size, "font": "11px system-ui, sans-serif", "gap": 3, "ticks": ticks}
 

@@ -49,7 +49,6 @@ class _Pictures:
         self._page.close()
 
     def _failed(self, error: Exception) -> None:
-        """Say that there will be no more."""
         self._page.stopped(error)
 
     def _start(self) -> None:
@@ -164,14 +163,12 @@ class ArmPage(_Pictures):
         self._page.show(row, condition)
 
     def _failed(self, error: Exception) -> None:
-        """Say it in the log, and on the page if that is still there."""
         self._arm.unsubscribe(self._receive)
         self._inbox.clear()
         _log.warning("the monitor's page has stopped, the arm goes on: %s", error)
         super()._failed(error)
 
     def _row(self, condition: Condition) -> Samples | None:
-        """Make a row of what came since the last picture."""
         states, truths, longest = [], [], math.nan
         for _ in range(len(self._inbox)):
             arrived, block = self._inbox.popleft()

@@ -75,8 +75,7 @@ def _joint_curves(
         return Curve(samples.t, values, label, COLOURS[colour])
 
     def with_band(values: Array, *more: Curve) -> list[Curve]:
-        bounds = [curve("", "band", unit.scale * (values + side * width)) for side in (1, -1)]
-        return [*(bounds if np.isfinite(width).any() else []), *more]
+        return [*(curve("", "band", unit.scale * (values + s * width)) for s in (1, -1)), *more]
 
     shown = f"{joint} [{unit.name}]"
     positions = [
@@ -163,9 +162,7 @@ def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
             for name, values in columns.items()
         ]
         effort = _number(samples.effort[-1, k], 3), samples.effort_units[k]
-        rows.append(
-            {"joint": joint, "unit": unit.name, "cells": cells, "effort": has_effort and effort}
-        )
+        rows.append((joint, unit.name, cells, effort if has_effort else None))
     header = [(TITLES.get(name, name), COLOURS.get(name, "inherit")) for name in columns]
     return filled("table", header, rows, is_fresh)
 

@@ -168,8 +168,7 @@ class LiveSamples:
         still to come, or no message is due yet for a model that counts samples. Of an arm that
         `is_braked` signals may stand still: it keeps its correction.
         """
-        state = StateBlock.joined(states)
-        state = state.rows(slice(max(len(state.t) - MOST_ROWS, 0), None))
+        state = StateBlock.joined(states).rows(slice(-MOST_ROWS, None))
         used = self._due_rows(state.t)
         if not len(used):
             return None
