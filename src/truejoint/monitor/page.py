@@ -213,12 +213,20 @@ class Page:
         y = np.array([curve.y for curve in plot.curves])
         # Curves with gaps have a fixed range: from a NaN none would be found.
         fixed = {} if np.isfinite(y).all() else {"y": {"range": (np.nanmin(y), np.nanmax(y))}}
+        named: dict[str, Any] = {"width": 2.0, "points": {"show": False}}
+        unnamed = named | {"width": 1.0, "class": "unnamed"}
+        curves = (
+            (named if curve.label else unnamed) | {"label": curve.label, "stroke": curve.colour}
+            for curve in plot.curves
+        )
+        ticks = {"size": 4, "width": 1, "stroke": panels.COLOURS["stale"]}
+        axis = {"font": "11px system-ui, sans-serif", "gap": 3, "ticks": ticks}
         return self._server.gui.add_uplot(
-            _data(plot), _series(plot), title=plot.y,
+            _data(plot), ({"label": "t"}, *curves), title=plot.y,
             height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
             bands=(_BAND,) if has_band else (),
             scales={"x": {"time": False}, **fixed},
-            axes=(_axis(24), _axis(44)),
+            axes=({"size": 24, **axis}, {"size": 44, **axis}),
             legend={"show": sum(bool(curve.label) for curve in plot.curves) > 1, "live": False},
             padding=(4, 20, 0, 0),
             order=order,
@@ -232,11 +240,6 @@ def chosen(dropdown: Any) -> str:
 
 def _data(plot: Panel) -> tuple[Any, ...]:
     return plot.curves[0].x, *(curve.y for curve in plot.curves)
-
-
-def _axis(size: int) -> dict[str, Any]:
-    ticks = {"size": 4, "width": 1, "stroke": panels.COLOURS["stale"]}
-    return {"size": size, "font": "11px system-ui, sans-serif", "gap": 3, "ticks": ticks}
 
 
 class _Body:
@@ -277,17 +280,6 @@ class _Body:
                 part.visible = visible
             if tuple(part.batched_colors) != colour:
                 part.batched_colors = np.array(colour, dtype=np.uint8)
-
-
-def _series(plot: Panel) -> tuple[dict[str, Any], ...]:
-    """Describe the curves as uPlot does, the time first."""
-    named: dict[str, Any] = {"width": 2.0, "points": {"show": False}}
-    unnamed = named | {"width": 1.0, "class": "unnamed"}
-    curves = (
-        (named if curve.label else unnamed) | {"label": curve.label, "stroke": curve.colour}
-        for curve in plot.curves
-    )
-    return ({"label": "t"}, *curves)
 
 
 def _rgb(colour: str) -> tuple[int, ...]:

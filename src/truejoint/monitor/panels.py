@@ -100,21 +100,20 @@ def _joint_curves(
 def overview(samples: Samples, robot: Robot, joint: str) -> Panel:
     """Plot over a whole recording: what is left of a joint's error, else its correction.
 
-    Of each of its stretches the largest is shown. Without either it has no curves.
+    Of each of its stretches the largest is shown; without either, what was reported.
     """
     k, unit = samples.joints.index(joint), display_unit(robot.joint(joint).unit)
-    left = samples.corrected[:, k] - samples.truth[:, k]
-    for title, values in (
-        ("corrected - true", left),
-        ("corrected - reported", samples.corrected[:, k] - samples.reported[:, k]),
-        ("reported", samples.reported[:, k]),
-    ):
-        if np.isfinite(values).any():
-            rows = samples.largest(values)
-            rows = rows[np.isfinite(values[rows])]
-            curve = Curve(samples.t[rows], unit.scale * values[rows], title, COLOURS["setpoint"])
-            return Panel([curve], y=f"whole recording: {title}, {joint} [{unit.name}]")
-    return Panel([])
+    corrected, reported = samples.corrected[:, k], samples.reported[:, k]
+    curves = {
+        "corrected - true": corrected - samples.truth[:, k],
+        "corrected - reported": corrected - reported,
+        "reported": reported,
+    }
+    title, values = next(each for each in curves.items() if np.isfinite(each[1]).any())
+    rows = samples.largest(values)
+    rows = rows[np.isfinite(values[rows])]
+    curve = Curve(samples.t[rows], unit.scale * values[rows], title, COLOURS["setpoint"])
+    return Panel([curve], y=f"whole recording: {title}, {joint} [{unit.name}]")
 
 
 def _finite(curves: Sequence[Curve], t: Array) -> list[Curve]:
