@@ -37,9 +37,9 @@ class Arm:
     Positions are in rad and m, in the order of ``arm.robot.joints``. Every command is checked
     against state and limits before it reaches the robot, and refused with a reason; a refused
     command changes nothing. Positions relative are relative to the latest set-point. Moves run in a
-    separate thread and return a `Motion`; meanwhile  `pause` stops it from any
-    thread within 20 ms and the time that it needs to brake. Left by an exception, or by the end of
-    the program, the arm is paused.
+    separate thread and return a `Motion`; meanwhile `pause` stops it from any thread within 20 ms
+    and the time that it needs to brake. Left by an exception, or by the end of the program, the
+    arm is paused.
 
     Parameters
     ----------

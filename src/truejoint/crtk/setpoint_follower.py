@@ -74,10 +74,9 @@ class SetpointFollower:
             stream.motion.over.wait(_ENDING)  # it has reached its last one, and ends
         start = self._arm.latest_setpoint(command)
         self._stream = stream = _Stream(target, t)
+        pieces = self._pieces(stream, start, command)
         try:
-            stream.motion = self._arm.stream(
-                self._pieces(stream, start, command), math.inf, command
-            )
+            stream.motion = self._arm.stream(pieces, math.inf, command)
         except BaseException:
             stream.is_ended = True
             raise

@@ -512,9 +512,8 @@ class RosBackend:
             return
         with self._changed:
             was = self._state
-            self._state = OperatingState(
-                message.state, bool(message.is_homed), bool(message.is_busy), t
-            )
+            flags = bool(message.is_homed), bool(message.is_busy)
+            self._state = OperatingState(message.state, *flags, t)
             self._tell_time(t)
             if was is not None and self._state.is_homed and not was.is_homed:
                 self.homing_id = f"homed at {t:.3f}"

@@ -15,7 +15,8 @@ from functools import partial
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
-from cyclonedds import builtin, core
+from cyclonedds import core
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import Policy
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
@@ -70,9 +71,7 @@ class Ros2:
         self._waits = core.WaitSet(self._participant)
         self._wake = core.GuardCondition(self._participant)
         self._waits.attach(self._wake)
-        self._written = builtin.BuiltinDataReader(
-            self._participant, builtin.BuiltinTopicDcpsPublication
-        )
+        self._written = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         graph = message_class(_GRAPH)
         self._graph = self._endpoint(DataWriter, "ros_discovery_info", graph, latched=True)
         self._show()
