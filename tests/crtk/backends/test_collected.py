@@ -12,7 +12,7 @@ from truejoint.recordings import Recorder
 from truejoint.simulation import make_twin
 
 SECONDS = 20.0
-PERIOD = 8  # [ms] of the topics
+PERIOD = 10  # [ms] of the topics
 ARMS = {"raven2": ("left", "/arm1", "raven2_mended"), "dvrk_psm": ("psm1", "/PSM1", "")}
 
 
