@@ -1,6 +1,7 @@
 """TOML files: tables of the package's own, and files of others, read within bounds."""
 
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -19,6 +20,23 @@ def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as fault:
         raise error(f"{path}: is not TOML ({words(fault, 120)})") from None
+
+
+def read_differences(path: Path, error: type[TruejointError]) -> dict[str, Any]:
+    """Table of a TOML file, laid over that of the file beside it that it is ``like``, if any."""
+    values = read_toml(path, error)
+    if "like" not in values:
+        return values
+    base = read_toml(path.parent / str(values.pop("like")), error)
+    merged: dict[str, Any] = laid_over(base, values)
+    return merged
+
+
+def laid_over(base: Any, changes: Any) -> Any:
+    """Give the changes of a value, a table with what they leave out."""
+    if not (isinstance(base, Mapping) and isinstance(changes, Mapping)):
+        return changes
+    return {**base, **{key: laid_over(base.get(key), value) for key, value in changes.items()}}
 
 
 @cache

@@ -179,6 +179,19 @@ def test_a_file_that_is_not_there_or_without_the_arm_is_named(tool, tmp_path):
         get_robot(tool, "middle")
 
 
+def test_a_file_that_is_like_another_states_what_differs(tool, tmp_path):
+    path, whole = tmp_path / "long.toml", get_robot(tool, "left").to_dict()
+    changes = 'like = "tool.toml"\nname = "long"\n[workspace]\nlift = { upper = 210 }\n'
+    path.write_text(changes)
+    whole["workspace"]["lift"]["upper"] = 0.21
+    assert get_robot(path, "left").to_dict() == {**whole, "name": "long"}
+    assert arm_names(str(path)) == ("left", "right")
+    for other, fault in (("3", "/3: cannot be read"), ('"long.toml"', "no key called 'like'")):
+        path.write_text(changes.replace('"tool.toml"', other))
+        with pytest.raises(RobotError, match=fault):
+            get_robot(path)
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),

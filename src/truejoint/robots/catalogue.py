@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RobotError, meant, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
-from truejoint.toml_file import read_toml, shipped_table
+from truejoint.toml_file import read_differences, shipped_table
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
@@ -57,7 +57,7 @@ def arm_names(name: str) -> tuple[str, ...]:
     if not model.endswith(".toml") and model not in _OWN:
         return ()
     with as_file(_MODELS / f"{model}.toml" if model in _OWN else Path(name.strip())) as path:
-        arms = read_toml(path, RobotError).get("arms", [])
+        arms = read_differences(path, RobotError).get("arms", [])
     return tuple(map(str, arms)) if isinstance(arms, list) else ()
 
 

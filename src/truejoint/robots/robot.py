@@ -17,7 +17,7 @@ from truejoint.robots.cable_mechanism import CableMechanism, Forceps
 from truejoint.robots.parts import Joint, JointEncoder, Kinematics, Number, Transmission, Workspace
 from truejoint.schema import Bounds, Length, Name, Shape
 from truejoint.summary import Summarised
-from truejoint.toml_file import read_toml
+from truejoint.toml_file import read_differences
 
 MAX_JOINTS: Final = 64
 _MATRICES: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
@@ -414,9 +414,10 @@ def as_robot(value: object) -> Robot:
 def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """Robot of a TOML file, which may also name its ``arms`` and a URDF for its kinematics.
 
-    `arm`, in any case, is one of these; errors name `source`, the path by default.
+    `arm`, in any case, is one of these; errors name `source`, the path by default. With ``like``
+    the file states only how it differs from another one beside it.
     """
-    values = read_toml(path, RobotError)
+    values = read_differences(path, RobotError)
     source = source or str(path)
     if "arm" in values:
         raise RobotError(

@@ -12,7 +12,7 @@ import numpy as np
 
 from truejoint import schema
 from truejoint.errors import TruejointError, other_kind, unknown
-from truejoint.toml_file import read_toml, shipped_table
+from truejoint.toml_file import laid_over, read_toml, shipped_table
 
 Sections = Mapping[str, Mapping[str, Any]]
 MAX_POPULATION: Final = 100_000
@@ -105,13 +105,11 @@ class Parameters:
 
     @classmethod
     def _laid_over(cls, base: Sections, changes: Sections, source: str) -> Self:
-        merged = {name: dict(values) for name, values in base.items()}
         for name, values in changes.items():
             if not isinstance(values, Mapping):
                 raise TruejointError(
                     f"{source}: {name!r:.60} stands outside a section; put it under [section]"
                 )
-            merged[name] = {**merged.get(name, {}), **values}
-        parameters = schema.read(cls, merged, source)
+        parameters = schema.read(cls, laid_over(base, changes), source)
         parameters.check(source)
         return parameters

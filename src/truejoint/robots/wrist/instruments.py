@@ -22,9 +22,8 @@ _HALF_OPEN: Final = math.radians(10.0)  # [rad] of either jaw at home
 _GAP: Final = math.radians(5.0)  # a calibration's jaws never meet
 
 
-def _mechanism(values: Mapping[str, Any]) -> dict[str, Any]:
+def _mechanism(values: Mapping[str, Any], alike: Mapping[str, Any]) -> dict[str, Any]:
     """Mechanism of an instrument of the table: two cables from each disc to what it turns."""
-    alike = shipped_table(__package__, "alike.toml")
     pitch, yaw, jaw = np.array([values[key] for key in ("pitch", "yaw", "jaw")], dtype=np.float64)
     # Of pitch, yaw and opening per disc, those of the joints.
     turned = np.array([pitch, yaw - 0.5 * jaw, yaw + 0.5 * jaw])
@@ -50,16 +49,16 @@ def _mechanism(values: Mapping[str, Any]) -> dict[str, Any]:
 @cache
 def build(name: str) -> Robot:
     """Robot of the instrument called `name`, which is a model number or one of RAVEN's tools."""
-    rows = shipped_table(__package__, INSTRUMENTS).values()
-    row = next(row for row in rows if name in map(str, row["names"]))
+    rows, alike = shipped_table(__package__, INSTRUMENTS), shipped_table(__package__, "alike.toml")
+    row = next(row for row in rows.values() if name in map(str, row["names"]))
+    row = {**alike["instrument"], **row}
     limit = {key: math.radians(value) for key, value in row["limits_deg"].items()}
     jaw = limit["yaw"] + 0.5 * limit["jaw"]
     ends, homes = (limit["pitch"], jaw, jaw), (0.0, -_HALF_OPEN, _HALF_OPEN)
     turn, opening = 0.75 * limit["pitch"], 0.4 * jaw
     boxes = (-turn, turn), (-opening, -_GAP), (_GAP, opening)
-    kinematics = dict(shipped_table(__package__, "alike.toml")["kinematics"])
-    *axes, last = kinematics["axes"]
-    kinematics["axes"] = [*axes, {**last, "a": 1e-3 * row["link_mm"]}]
+    *axes, last = alike["kinematics"]["axes"]
+    axes.append({**last, "a": 1e-3 * row["link_mm"]})
     return Robot.from_dict({
         "name": "wrist",
         "arm": name,
@@ -68,10 +67,10 @@ def build(name: str) -> Robot:
             for n, end, home in zip(JOINTS, ends, homes, strict=True)
         ],
         "effort": "motor",
-        "kinematics": kinematics,
+        "kinematics": {**alike["kinematics"], "axes": axes},
         "workspace": {
             n: {"lower": low, "upper": high, "speed": _SPEEDS[1]}
             for n, (low, high) in zip(JOINTS, boxes, strict=True)
         },
-        "mechanism": _mechanism(row),
+        "mechanism": _mechanism(row, alike),
     })  # fmt: skip
