@@ -2,11 +2,11 @@
 
 import math
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
-import truejoint.simulation as package
 from truejoint.errors import TruejointError
 from truejoint.robots.cable_mechanism import Forceps
 from truejoint.simulation.dvrk_psm import DvrkPsmParameters
@@ -39,7 +39,7 @@ def write(path, text):
 
 @pytest.mark.parametrize(("kind", "name"), SPECIMENS)
 def test_a_shipped_file_is_commented_and_comes_back_from_plain_values(kind, name):
-    path = Path(package.__file__).parent / kind.FOLDER / f"{name.lower()}.toml"
+    path = Path(sys.modules[kind.__module__].__file__).with_name(f"{name.lower()}.toml")
     text = path.read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if "=" in line.split("#")[0]]
     if kind is Raven2Parameters:

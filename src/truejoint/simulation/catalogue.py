@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Final
+from typing import Final
 
 from truejoint.errors import RobotError
 from truejoint.robots.catalogue import DEFAULT, get_robot
@@ -54,16 +54,14 @@ def make_twin(
     ('jaw',)
     """
     target = get_robot(robot, arm)
-    cables: dict[str, Any] = {}
-    if target.name not in _TWINS and target.mechanism is not None:
-        cables = {"robot": target}  # the wrist's twin is that of any cables
-    name = "wrist" if cables else target.name
+    name = target.name
+    if name not in _TWINS and target.mechanism is not None:
+        name = "wrist"  # its twin is that of any cables
     if name not in _TWINS:
         raise RobotError(
             f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}, "
             "and of a robot file that states its cables"
         )
     kind = resolve_name(_TWINS[name])
-    about: dict[str, Any] = {"arm": target.arm, "seed": seed, "load": load, **cables}
-    twin: Twin = kind(kind.PARAMETERS.read(parameters), **about)
+    twin: Twin = kind(kind.PARAMETERS.read(parameters), robot=target, seed=seed, load=load)
     return twin

@@ -59,8 +59,7 @@ class Parameters:
     """
 
     SPECIMENS: ClassVar[tuple[str, ...]]
-    """Named specimens, each with a shipped file; all others are laid over ``"nominal"``."""
-    FOLDER: ClassVar[str]
+    """Named specimens, each a file beside the class; all others are laid over ``"nominal"``."""
 
     @classmethod
     def read(cls, path: str | Path = "nominal") -> Self:
@@ -81,7 +80,7 @@ class Parameters:
 
     @classmethod
     def _shipped(cls, name: str) -> Sections:
-        return shipped_table(__package__, f"{cls.FOLDER}/{name.lower()}.toml")
+        return shipped_table(cls.__module__.rpartition(".")[0], f"{name.lower()}.toml")
 
     @classmethod
     def from_dict(cls, values: Sections) -> Self:

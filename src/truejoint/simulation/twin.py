@@ -57,7 +57,8 @@ class Twin:
     `truejoint.robots.get_robot`; `load` [kg] hangs on the tool. `truejoint.simulation.catalogue`
     lists the classes. Each has `_build`, `homing` and `_follow`, and counts set-points in `_ticks`.
 
-    Raises TruejointError unless `seed` is a whole number of 63 bits.
+    Raises TruejointError unless `seed` is a whole number of 63 bits and the load in range, or if
+    the step cannot follow the parameters, and RobotError if the arm is unknown.
 
     Examples
     --------
@@ -84,8 +85,7 @@ class Twin:
         if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
             raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
         self.parameters = self.PARAMETERS.read() if parameters is None else parameters
-        model = robot if isinstance(robot, Robot) else get_robot(robot or self.ROBOT, arm)
-        self.robot: Robot = model
+        self.robot: Robot = get_robot(robot or self.ROBOT, arm)
         self.seed: Final[int] = seed  # of everything random
         self.homing_count: int = 0
         self._ticks: int = 0

@@ -50,10 +50,7 @@ class ArmTwin(Twin):
         return self._state.encoder_zero.copy()
 
     def idle(self, duration: float) -> None:
-        """Let `duration` [s] pass with the brakes on: cables hardly creep, grease cools; no rows.
-
-        Raises TruejointError if the duration is negative or not finite.
-        """
+        """Let `duration` [s] pass as the base does: cables hardly creep, grease cools."""
         super().idle(duration)
         self._state.ticks[kernel.CLOCK] = self._ticks
         self._state.slow[kernel.LOAD] = self._load
