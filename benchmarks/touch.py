@@ -36,8 +36,7 @@ from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
 from truejoint.robots import Robot
 from truejoint.simulation import TwinOutput
-from truejoint.simulation.raven2.parameters import Raven2Parameters
-from truejoint.simulation.raven2.twin import Raven2Twin
+from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
 from truejoint.tip import (
     Block,
     BlockPose,

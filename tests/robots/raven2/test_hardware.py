@@ -70,9 +70,9 @@ def test_gravity_loads_both_arms_alike():
     def energy(side):
         frames = get_robot("raven2", side).kinematics.link_frames(joints)
         total = np.zeros(len(joints))
-        for k, link in enumerate(hardware.links(side)):
-            position = frames[:, k] @ np.array([*link.centre_of_mass, 1.0])
-            total -= link.mass * position[:, :3] @ np.array(hardware.GRAVITY)
+        for k, (mass, centre) in enumerate(zip(*hardware.links(side), strict=True)):
+            position = frames[:, k] @ np.array([*centre, 1.0])
+            total -= mass * position[:, :3] @ np.array(hardware.GRAVITY)
         return total
 
     # The published centres of mass are mirrored but for the 2 mm of the second link.

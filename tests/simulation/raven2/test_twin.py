@@ -117,9 +117,9 @@ def height_of_links(q, instrument):
     t1, t2 = q[0] + 205 * DEG, q[1] + 180 * DEG
     twist1, twist2 = 75 * DEG, 128 * DEG
     total = 0.0
-    for k, link in enumerate(links("left")):
-        x, y, z = link.centre_of_mass
-        mass = link.mass + (instrument if k == 2 else 0.0)
+    for k, (link, centre) in enumerate(zip(*links("left"), strict=True)):
+        x, y, z = centre
+        mass = link + (instrument if k == 2 else 0.0)
         if k == 2:  # along the shaft, from frame 3 to frame 2
             x, y, z = 0.0, -math.sin(twist2) * q[2], math.cos(twist2) * q[2]
         if k >= 1:  # frame 2 to frame 1

@@ -7,6 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
+from truejoint.array_types import Array
+
 _DEG: Final = math.pi / 180.0
 
 # Counts of a motor encoder per turn of the motor shaft (include/raven/motor.h).
@@ -111,19 +115,12 @@ def drives(arm: str) -> tuple[Drive, ...]:
     )
 
 
-@dataclass(frozen=True)
-class Link:
-    """Mass [kg] and centre of mass [m] of a link, in the frame of its own axis."""
+def links(arm: str) -> tuple[Array, Array]:
+    """Masses (3,) [kg] and centres of mass (3, 3) [m] of the links that the first joints move.
 
-    mass: float
-    centre_of_mass: tuple[float, float, float]
-
-
-def links(arm: str) -> tuple[Link, Link, Link]:
-    """Links that shoulder, elbow and insertion move (src/raven/grav_comp.cpp)."""
+    Each centre is in the frame of its own axis. Source: src/raven/grav_comp.cpp.
+    """
     side = 1.0 if arm == "left" else -1.0
-    return (
-        Link(0.494, (side * 0.0065, side * 0.09775, side * -0.13771)),
-        Link(0.750, (-0.002, -0.18274, side * -0.23053)),
-        Link(0.231, (0.0, 0.0, 0.0)),
-    )
+    shoulder = side * 0.0065, side * 0.09775, side * -0.13771
+    elbow, insertion = (-0.002, -0.18274, side * -0.23053), (0.0, 0.0, 0.0)
+    return np.array([0.494, 0.750, 0.231]), np.array([shoulder, elbow, insertion])

@@ -1,29 +1,28 @@
 """Parameters that the twins of all arms have; the shipped files say what each means."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 from truejoint.errors import TruejointError
 from truejoint.schema import Bounds, Length
 from truejoint.simulation.parameter_file import Parameters
 
-Numbers = tuple[float, ...]
+Numbers = Annotated[tuple[float, ...], Length(1, 7)]
 """One value per joint whose cable gives way, or per joint that follows its motor (`Tool`)."""
-EACH: Final = Length(1, 7)
 
 
 class Motor(NamedTuple):
     """Inertia [kg m^2] at the motor shafts of the joints whose cables give way."""
 
-    inertia: Annotated[Numbers, Bounds(1e-7, 1e-2), EACH]
+    inertia: Annotated[Numbers, Bounds(1e-7, 1e-2)]
 
 
 class MotorFriction(NamedTuple):
     """Friction of motors and gearboxes, as torque at the capstan."""
 
-    coulomb: Annotated[Numbers, Bounds(0.0, 10.0), EACH]
-    viscous: Annotated[Numbers, Bounds(0.0, 0.5), EACH]
-    presliding: Annotated[Numbers, Bounds(0.02, 5.0), EACH]
+    coulomb: Annotated[Numbers, Bounds(0.0, 10.0)]
+    viscous: Annotated[Numbers, Bounds(0.0, 0.5)]
+    presliding: Annotated[Numbers, Bounds(0.02, 5.0)]
     gear_loss: Annotated[float, Bounds(0.0, 0.5)]
     capstan_ripple: Annotated[float, Bounds(0.0, 0.5)]
     gear_ripple: Annotated[float, Bounds(0.0, 0.5)]
@@ -37,22 +36,22 @@ class MotorFriction(NamedTuple):
 class JointFriction(NamedTuple):
     """Friction behind the capstan, at the joint; this is what makes hysteresis."""
 
-    coulomb: Annotated[Numbers, Bounds(0.0, 50.0), EACH]
-    load_share: Annotated[Numbers, Bounds(0.0, 0.5), EACH]
-    presliding: Annotated[Numbers, Bounds(1e-5, 0.2), EACH]
+    coulomb: Annotated[Numbers, Bounds(0.0, 50.0)]
+    load_share: Annotated[Numbers, Bounds(0.0, 0.5)]
+    presliding: Annotated[Numbers, Bounds(1e-5, 0.2)]
 
 
 class Cable(NamedTuple):
     """Stiffness [Nm/rad or N/m] between capstan and joint, at the joint."""
 
-    stiffness: Annotated[Numbers, Bounds(0.1, 1e7), EACH]
+    stiffness: Annotated[Numbers, Bounds(0.1, 1e7)]
 
 
 class Creep(NamedTuple):
     """Lengthening of the cables over hours of work."""
 
-    final: Annotated[Numbers, Bounds(-0.1, 0.1), EACH]
-    travel: Annotated[Numbers, Bounds(0.1, 1e6), EACH]
+    final: Annotated[Numbers, Bounds(-0.1, 0.1)]
+    travel: Annotated[Numbers, Bounds(0.1, 1e6)]
     load_gain: Annotated[float, Bounds(0.0, 20.0)]
     idle_time: Annotated[float, Bounds(1e3, 1e12)]
 
@@ -74,13 +73,13 @@ class StateStream(NamedTuple):
 class Tool(NamedTuple):
     """Motors of joints that follow them, and how well they keep these where they are."""
 
-    inertia: Annotated[Numbers, Bounds(1e-7, 1e-3), EACH]
-    coulomb: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
-    viscous: Annotated[Numbers, Bounds(0.0, 0.5), EACH]
-    presliding: Annotated[Numbers, Bounds(0.02, 5.0), EACH]
-    registration_sd: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
-    wander: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
-    wander_effort: Annotated[Numbers, Bounds(0.0, 0.02), EACH]
+    inertia: Annotated[Numbers, Bounds(1e-7, 1e-3)]
+    coulomb: Annotated[Numbers, Bounds(0.0, 0.1)]
+    viscous: Annotated[Numbers, Bounds(0.0, 0.5)]
+    presliding: Annotated[Numbers, Bounds(0.02, 5.0)]
+    registration_sd: Annotated[Numbers, Bounds(0.0, 0.1)]
+    wander: Annotated[Numbers, Bounds(0.0, 0.1)]
+    wander_effort: Annotated[Numbers, Bounds(0.0, 0.02)]
     wander_time: Annotated[float, Bounds(1.0, 1e5)]
 
 

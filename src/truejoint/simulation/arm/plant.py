@@ -1,6 +1,5 @@
 """Constants of the equations of an arm, from its parameters and from what its hardware is."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,13 +135,13 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int) -> kernel.State:
 
 
 def gravity_potential(
-    robot: Robot, mass: Sequence[float], centre: Sequence[Sequence[float]], gravity: Sequence[float]
+    robot: Robot, mass: Array, centre: Array, gravity: tuple[float, float, float]
 ) -> Array:
     """Coefficients (2, 12) [J] of `kernel.gravity_load`: the links, and 1 kg at the tool.
 
-    `mass` [kg] and `centre` of mass [m] are those of the first three links, each in the frame of
-    its own axis, `gravity` [m/s^2] is in the base frame. The robot's own link frames in 24 poses
-    give 12 coefficients, exactly.
+    `mass` (3,) [kg] and `centre` of mass (3, 3) [m] are those of the first three links, each in the
+    frame of its own axis, `gravity` [m/s^2] is in the base frame. The robot's own link frames in 24
+    poses give 12 coefficients, exactly.
     """
     chain: Any = robot.kinematics
     poses = np.tile(robot.home, (24, 1))
@@ -153,7 +152,7 @@ def gravity_potential(
     frames, down = chain.link_frames(poses), np.array(gravity)
     height = np.zeros((24, 2))
     for k in range(3):
-        place = frames[:, k, :3, 3] + frames[:, k, :3, :3] @ np.array(centre[k])
+        place = frames[:, k, :3, 3] + frames[:, k, :3, :3] @ centre[k]
         height[:, 0] -= mass[k] * (place @ down)
     height[:, 1] = -(chain.forward(poses)[:, :3, 3] @ down)
     q1, q2, d = poses[:, :3].T

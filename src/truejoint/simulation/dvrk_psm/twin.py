@@ -8,7 +8,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.schema import Bounds
-from truejoint.simulation.arm.parameters import EACH, ArmParameters, Numbers
+from truejoint.simulation.arm.parameters import ArmParameters, Numbers
 from truejoint.simulation.arm.plant import Hardware, gravity_potential
 from truejoint.simulation.arm.twin import ArmTwin
 from truejoint.simulation.twin import TwinOutput, glide, hold
@@ -22,21 +22,21 @@ _BOWS: Final = 2.0  # periods of a potentiometer's linearity error along its joi
 class Drive(NamedTuple):
     """What the arm's own software knows: motors, gears, encoders, gains at the joints."""
 
-    ratio: Annotated[Numbers, Bounds(1.0, 1e4), EACH]
-    counts: Annotated[Numbers, Bounds(10.0, 1e7), EACH]
-    p_gain: Annotated[Numbers, Bounds(0.0, 1e5), EACH]
-    d_gain: Annotated[Numbers, Bounds(0.0, 1e4), EACH]
-    max_torque: Annotated[Numbers, Bounds(1e-3, 10.0), EACH]
-    torque_step: Annotated[Numbers, Bounds(1e-9, 1e-2), EACH]
+    ratio: Annotated[Numbers, Bounds(1.0, 1e4)]
+    counts: Annotated[Numbers, Bounds(10.0, 1e7)]
+    p_gain: Annotated[Numbers, Bounds(0.0, 1e5)]
+    d_gain: Annotated[Numbers, Bounds(0.0, 1e4)]
+    max_torque: Annotated[Numbers, Bounds(1e-3, 10.0)]
+    torque_step: Annotated[Numbers, Bounds(1e-9, 1e-2)]
 
 
 class Pulleys(NamedTuple):
     """Real against nominal transmission: scale, run-out, and the wrist's coupling."""
 
-    scale: Annotated[Numbers, Bounds(-0.2, 0.2), EACH]
-    radius: Annotated[Numbers, Bounds(1e-3, 1.0), EACH]
-    run_out: Annotated[Numbers, Bounds(0.0, 1e-3), EACH]
-    phase: Annotated[Numbers, Bounds(-7.0, 7.0), EACH]
+    scale: Annotated[Numbers, Bounds(-0.2, 0.2)]
+    radius: Annotated[Numbers, Bounds(1e-3, 1.0)]
+    run_out: Annotated[Numbers, Bounds(0.0, 1e-3)]
+    phase: Annotated[Numbers, Bounds(-7.0, 7.0)]
     yaw_per_pitch: Annotated[float, Bounds(-2.0, 2.0)]
     yaw_per_pitch_error: Annotated[float, Bounds(-0.5, 0.5)]
 
@@ -50,16 +50,16 @@ class Mass(NamedTuple):
 class Potentiometers(NamedTuple):
     """How the potentiometers at the motors err; the encoders are preloaded from them."""
 
-    offset: Annotated[Numbers, Bounds(-0.5, 0.5), EACH]
-    scale: Annotated[Numbers, Bounds(-0.1, 0.1), EACH]
-    linearity: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
-    noise: Annotated[Numbers, Bounds(0.0, 0.1), EACH]
+    offset: Annotated[Numbers, Bounds(-0.5, 0.5)]
+    scale: Annotated[Numbers, Bounds(-0.1, 0.1)]
+    linearity: Annotated[Numbers, Bounds(0.0, 0.1)]
+    noise: Annotated[Numbers, Bounds(0.0, 0.1)]
 
 
 class Reference(NamedTuple):
     """Resolution of the temporary joint encoders."""
 
-    resolution: Annotated[Numbers, Bounds(1e-9, 1e-2), EACH]
+    resolution: Annotated[Numbers, Bounds(1e-9, 1e-2)]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,6 @@ class DvrkPsmParameters(ArmParameters):
     """Everything that makes the twin of a PSM err; one attribute per section."""
 
     SPECIMENS: ClassVar[tuple[str, ...]] = ("nominal",)
-    FOLDER: ClassVar[str] = "dvrk_psm"
     ON_CABLES: ClassVar[int] = 6
     OF_ALL: ClassVar[tuple[str, ...]] = ("drive", "potentiometers")
 
@@ -82,10 +81,7 @@ class DvrkPsmTwin(ArmTwin):
     """Digital twin of a PSM of the da Vinci Research Kit with a needle driver.
 
     The two motors that share the wrist's yaw and the jaw are simulated as their mean and half their
-    difference. The seed is that of homing, friction and clocks.
-
-    Raises TruejointError if the seed or the load is out of range, or the parameters cannot be
-    simulated at 1 kHz, and RobotError if the arm is unknown.
+    difference.
     """
 
     ROBOT: ClassVar[str] = "dvrk_psm"
@@ -161,7 +157,7 @@ class DvrkPsmTwin(ArmTwin):
             aligned=none,
             free_run=np.ones(n),
             gravity=gravity_potential(
-                robot, (0.0, 0.0, p.mass.carriage), np.zeros((3, 3)).tolist(), (0.0, 0.0, -GRAVITY)
+                robot, np.array([0.0, 0.0, p.mass.carriage]), np.zeros((3, 3)), (0.0, 0.0, -GRAVITY)
             ),
             truth_step=np.array(p.reference.resolution),
         )

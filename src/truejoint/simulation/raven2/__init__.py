@@ -1,6 +1,5 @@
 """The digital twin of a RAVEN-II arm."""
 
-from truejoint.simulation.raven2.parameters import Raven2Parameters
-from truejoint.simulation.raven2.twin import Raven2Twin
+from truejoint.simulation.raven2.twin import Raven2Parameters, Raven2Twin
 
 __all__ = ["Raven2Parameters", "Raven2Twin"]

@@ -1,7 +1,8 @@
-"""`Raven2Twin`: a virtual RAVEN-II arm that errs the way the real one does."""
+"""`Raven2Twin`: a virtual RAVEN-II arm that errs the way the real one does, and its parameters."""
 
 from collections.abc import Generator, Iterator
-from typing import ClassVar, Final
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -9,10 +10,11 @@ from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE
+from truejoint.schema import Bounds
 from truejoint.simulation.arm import kernel
+from truejoint.simulation.arm.parameters import ArmParameters, Numbers
 from truejoint.simulation.arm.plant import Hardware, gravity_potential
 from truejoint.simulation.arm.twin import ArmTwin
-from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.twin import TwinOutput, glide, hold
 
 POSITIONING: Final = 3
@@ -21,16 +23,59 @@ _SEARCH_LIMIT: Final = 25.0  # s
 _SEARCH_PIECE: Final = 500  # rows
 
 
+class Pulleys(NamedTuple):
+    """Real against nominal transmission: scale, coupling and run-out."""
+
+    scale: Annotated[Numbers, Bounds(-0.2, 0.2)]
+    coupling_shoulder_elbow: Annotated[float, Bounds(-0.3, 0.3)]
+    coupling_shoulder_insertion: Annotated[float, Bounds(-0.02, 0.02)]
+    coupling_elbow_insertion: Annotated[float, Bounds(-0.02, 0.02)]
+    capstan_run_out: Annotated[Numbers, Bounds(0.0, 1e-3)]
+    capstan_phase: Annotated[Numbers, Bounds(-7.0, 7.0)]
+    joint_run_out: Annotated[Numbers, Bounds(0.0, 2e-3)]
+    joint_phase: Annotated[Numbers, Bounds(-7.0, 7.0)]
+
+
+class Wrap(NamedTuple):
+    """Change of cable length where runs leave their pulleys at an angle."""
+
+    free_run: Annotated[Numbers, Bounds(0.01, 2.0)]
+    sideways_shoulder: Annotated[Numbers, Bounds(-0.05, 0.05)]
+    sideways_elbow: Annotated[Numbers, Bounds(-0.05, 0.05)]
+    sideways_insertion: Annotated[Numbers, Bounds(-0.5, 0.5)]
+    aligned: Annotated[Numbers, Bounds(-3.2, 3.2)]
+
+
+class Mass(NamedTuple):
+    """Mass [kg] that the robot's own link masses leave out."""
+
+    instrument: Annotated[float, Bounds(0.0, 2.0)]
+
+
+class Homing(NamedTuple):
+    """How registration at the hard stops errs."""
+
+    registration_sd: Annotated[Numbers, Bounds(0.0, 0.1)]
+    registration_bias: Annotated[Numbers, Bounds(-0.1, 0.1)]
+
+
+@dataclass(frozen=True)
+class Raven2Parameters(ArmParameters):
+    """Everything that makes the twin of a RAVEN-II arm err; one attribute per section."""
+
+    SPECIMENS: ClassVar[tuple[str, ...]] = "nominal", "peng2024"
+
+    pulleys: Pulleys
+    wrap: Wrap
+    mass: Mass
+    homing: Homing
+
+
 class Raven2Twin(ArmTwin):
     """Digital twin of one RAVEN-II arm; a `truejoint.simulation.Twin`.
 
     State arrays have one column per channel of the robot's state message (shoulder, elbow,
     insertion, unused, roll, wrist, jaw1, jaw2).
-
-    The seed is that of homing, friction and clocks.
-
-    Raises TruejointError if the seed or the load is out of range, or the parameters cannot be
-    simulated at 1 kHz, and RobotError if the arm is unknown.
     """
 
     ROBOT: ClassVar[str] = "raven2"
@@ -57,9 +102,8 @@ class Raven2Twin(ArmTwin):
         margin = 0.05 * (robot.upper - robot.lower)
         stops = np.column_stack([robot.lower - margin, robot.upper + margin])[:3]
         stops[0, 0], stops[1:, 1] = truth_stop[0], truth_stop[1:]
-        links = hardware.links(robot.arm)
+        mass, centre = hardware.links(robot.arm)
         # The carriage holds the instrument, whose weight the published link leaves out.
-        mass = [link.mass for link in links]
         mass[2] += p.mass.instrument
         return Hardware(
             matrix=robot.transmission.matrix,
@@ -83,9 +127,7 @@ class Raven2Twin(ArmTwin):
             ),
             aligned=np.array(p.wrap.aligned),
             free_run=np.array(p.wrap.free_run),
-            gravity=gravity_potential(
-                robot, mass, [link.centre_of_mass for link in links], hardware.GRAVITY
-            ),
+            gravity=gravity_potential(robot, mass, centre, hardware.GRAVITY),
             truth_step=np.array([encoder.resolution for encoder in robot.encoders]),
         )
 
