@@ -7,10 +7,12 @@ import pytest
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
-from truejoint.simulation.forceps.specimens import population, prior, specimen
+from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.simulation.forceps.twin import simulate_forceps
+from truejoint.simulation.parameter_file import shipped_spreads
 
 POPULATION = population(150, seed=11)
+PRIOR = shipped_spreads("forceps/lugre_prior.toml")
 
 
 def yielding(parameters, mass, direction="opposing"):
@@ -87,7 +89,7 @@ def test_a_population_has_a_prior_and_a_size():
 @pytest.mark.parametrize(
     ("value", "low", "high"),
     [
-        *((attrgetter(name), *spread[:2]) for name, spread in prior().items() if "." in name),
+        *((attrgetter(name), *spread[:2]) for name, spread in PRIOR.items() if "." in name),
         *((attrgetter(f"{cable}_cable.stiffness"), 9e3, 17.1e3) for cable in ("drive", "reset")),
         (attrgetter("drive_cable.damping"), 0.3, 3.0),
         (attrgetter("reset_cable.stiffening"), 0.1, 0.5),
@@ -113,7 +115,7 @@ def test_what_the_cables_share_is_one_draw():
 
 
 def test_logarithmic_draws_have_their_median_at_the_geometric_mean():
-    spread = prior()["jaw_friction"]
+    spread = PRIOR["jaw_friction"]
     rng = np.random.default_rng(0)
     drawn = [spread.draw(rng) for _ in range(2000)]
     assert np.median(drawn) == pytest.approx(math.sqrt(0.3e-3 * 8e-3), rel=0.1)

@@ -31,7 +31,8 @@ EXACT = {"rtol": 1e-10, "atol": 1e-14}
 
 
 def built(parameters, mechanism=MECHANISM, substeps=4):
-    return plant_constants(parameters, mechanism, substeps)[0]
+    unlimited = np.outer([-np.inf, np.inf], np.ones(len(mechanism.pins)))
+    return plant_constants(parameters, mechanism, unlimited, substeps)[0]
 
 
 def run(c, goal, torque=None, held=-9.0, substeps=4):
@@ -212,7 +213,7 @@ def test_a_joint_ends_at_its_stops_as_stiff_as_they_are():
     end = np.array([0.6, 0.0, 0.6]) * free  # a stop on the way, but for the first jaw
     lower = np.where((end < 0.0), end, -9.0)
     upper = np.where((end > 0.0), end, 9.0)
-    log = run(plant_constants(SMOOTH, MECHANISM, limits=(lower, upper))[0], motor)
+    log = run(plant_constants(SMOOTH, MECHANISM, (lower, upper))[0], motor)
     depth = log.joint[-1] - end - SMOOTH.stops.beyond * np.sign(end)
     torque = -SMOOTH.stops.stiffness * np.where(end == 0.0, 0.0, depth)
     assert (np.abs(torque)[[0, 2]] > 0.02).all()

@@ -14,14 +14,10 @@ from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters
 
 DT: Final = 1e-4  # [s] of the integrator
-MAXWELL_SLIP: Final = "maxwell_slip"
 
 
 class Assembly(NamedTuple):
-    """Pretension ``F_pre`` [N], gear, and run-out of the winding wheel [m, rad].
-
-    The gear has a torsion [Nm/rad] and a backlash [rad], both at its output.
-    """
+    """Pretension ``F_pre`` [N], gear at its output, and run-out of the winding wheel [m, rad]."""
 
     pretension: Annotated[float, Bounds(0.5, 100.0)]
     gear_stiffness: Annotated[float, Bounds(1.0, 1e5)]
@@ -31,14 +27,7 @@ class Assembly(NamedTuple):
 
 
 class Cable(NamedTuple):
-    """One cable of (4) or (5): ``K`` [N/m], ``B`` [N s/m], ``m`` [kg], and what is not linear.
-
-    `stiffening` is the relative growth of the stiffness per relative growth of the tension;
-    `elastic_share` and `hysteresis_distance` [m] are alpha and D of a Bouc-Wen element.
-    `guide_friction` is ``mu phi`` of the capstan equation at a guide, `guide_position` the share of
-    the cable before it, from the motor on. `creep_share` of the elastic stretch comes later, within
-    `creep_time` [s].
-    """
+    """One cable of (4) or (5): ``K`` [N/m], ``B`` [N s/m], ``m`` [kg], and what is not linear."""
 
     stiffness: Annotated[float, Bounds(500.0, 1e5)]
     damping: Annotated[float, Bounds(0.0, 30.0)]
@@ -147,7 +136,6 @@ class ForcepsParameters(Parameters):
     """Everything that the virtual forceps is made of; one attribute per section of the file."""
 
     SPECIMENS: ClassVar[tuple[str, ...]] = "nominal", "A", "B"
-    FOLDER: ClassVar[str] = "forceps"
 
     mechanism: Forceps = Forceps()  # noqa: RUF009  # frozen
     assembly: Assembly
@@ -265,7 +253,7 @@ def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
         jaw=p.jaw,
         motor=p.motor_loop,
         motor_frequency=2.0 * math.pi * p.motor_loop.bandwidth,
-        is_maxwell_slip=p.contact.law == MAXWELL_SLIP,
+        is_maxwell_slip=p.contact.law == "maxwell_slip",
         mechanism=mechanism,
         wheel_per_motor=1.0 / mechanism.gear_ratio,
         slider_mass=p.slider.mass,

@@ -13,7 +13,7 @@ import numpy as np
 
 from truejoint.errors import TruejointError, unknown
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.parameter_file import Spread, random_streams, shipped_spreads
+from truejoint.simulation.parameter_file import random_streams, shipped_spreads
 
 PRIORS: Final = ("lugre", "capstan", "between", "mixed")
 
@@ -24,19 +24,8 @@ def specimen(name: str = "nominal") -> ForcepsParameters:
     return ForcepsParameters.read(name)
 
 
-def prior(law: str = "lugre") -> dict[str, Spread]:
-    """Ranges that a population is drawn from, by parameter, in the order of the draws.
-
-    A name without a dot is a property that several parameters are made of. ``"capstan"`` has what
-    differs under that law, and is laid over ``"lugre"``.
-    """
-    return shipped_spreads(f"forceps/{law}_prior.toml")
-
-
 def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsParameters]:
-    """`count` virtual forceps drawn from a prior.
-
-    The same seed gives the same instruments, and a larger population begins with the smaller one.
+    """`count` virtual forceps drawn from a prior; a larger population begins with the smaller one.
 
     The prior ``"lugre"`` has the friction law of the paper's twin and the mechanism of Table 1.
     ``"capstan"`` has capstan friction at the cables' guides, Maxwell slip at the contacts, creep,
@@ -52,7 +41,8 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
 
 
 def _drawn(rng: np.random.Generator, prior_name: str) -> ForcepsParameters:
-    spreads, nominal = prior(), specimen()
+    # A name without a dot is a property that several parameters are made of.
+    spreads, nominal = shipped_spreads("forceps/lugre_prior.toml"), specimen()
     v = {name: spread.draw(rng) for name, spread in spreads.items()}
     second_tolerance = spreads["cable_tolerance"].draw(rng)
     phases = rng.uniform(-math.pi, math.pi, 4)
@@ -60,7 +50,8 @@ def _drawn(rng: np.random.Generator, prior_name: str) -> ForcepsParameters:
         prior_name = str(rng.choice(PRIORS[:-1]))
     law = "lugre"
     if prior_name != "lugre":
-        second = {name: spread.draw(rng) for name, spread in prior("capstan").items()}
+        ranges = shipped_spreads("forceps/capstan_prior.toml")
+        second = {name: spread.draw(rng) for name, spread in ranges.items()}
         share, law = 1.0, "maxwell_slip"
         if prior_name == "between":
             share, law = rng.uniform(), str(rng.choice(["lugre", "maxwell_slip"]))

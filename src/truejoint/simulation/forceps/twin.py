@@ -52,8 +52,8 @@ class ZeroShift:
         return cls(0.0, float(drive), float(reset))
 
 
-def quantised(values: Array, resolution: float) -> Array:
-    """`values` (n,) rounded to multiples of `resolution`, both in one unit."""
+def quantised(values: Array, resolution: float | Array) -> Array:
+    """`values` rounded to multiples of `resolution`, both in one unit."""
     return np.asarray(np.round(values / resolution) * resolution)
 
 
@@ -77,22 +77,14 @@ def read_encoders(
     Each has a stream of noise of its own, so that changing one leaves the others alone, and the
     readings do not depend on how a motion is cut.
     """
+    motor, drive, reset = p.motor_encoder, p.drive_encoder, p.reset_encoder
     jaw, turn = p.reference_encoder, 2.0 * math.pi
-    shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], jaw))
-    noise_and_step = (
-        (p.motor_encoder.noise, turn / p.motor_encoder.counts),
-        (p.drive_encoder.noise, p.drive_encoder.resolution),
-        (p.reset_encoder.noise, p.reset_encoder.resolution),
-        (jaw.noise, turn / jaw.counts),
-    )
-    return np.stack(
-        [
-            quantised(values + off + rng.normal(0.0, noise, values.size), step)
-            for values, off, rng, (noise, step) in zip(
-                exact, shift, streams, noise_and_step, strict=True
-            )
-        ]
-    )
+    steps = turn / motor.counts, drive.resolution, reset.resolution, turn / jaw.counts
+    read = exact + np.array([[zero.motor], [zero.drive], [zero.reset], [0.0]])
+    read[3] += reference_error(exact[3], jaw)
+    for k, noise in enumerate((motor.noise, drive.noise, reset.noise, jaw.noise)):
+        read[k] += streams[k].normal(0.0, noise, read.shape[1])
+    return quantised(read, np.array(steps)[:, None])
 
 
 _NO_SHIFT: Final = ZeroShift()
@@ -108,8 +100,6 @@ class ForcepsTwin(Twin):
     force there (n,) [N], positive where it opens the jaw, at times (n,) [s] of the twin, as a
     `LoadTest` does; both are perpendicular to the jaw at the angle `line_angle` [rad]. The seed is
     that of sensors and homing; the plant itself has nothing random.
-
-    Raises TruejointError if the seed or the load is out of range.
     """
 
     ROBOT: ClassVar[str] = "forceps"

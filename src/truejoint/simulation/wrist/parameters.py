@@ -13,15 +13,9 @@ from truejoint.schema import Bounds
 from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters
 
-MAXWELL_SLIP: Final = "maxwell_slip"
-
 
 class Cables(NamedTuple):
-    """Every cable: stiffness [N/m] and pretension [N].
-
-    Coefficients of friction at nodes that no joint turns, and at those that one does. And how
-    many times as much as the mechanism says, beside the rest, a cable gives way between its nodes.
-    """
+    """Every cable: stiffness [N/m], pretension [N], friction at its nodes, shares of compliance."""
 
     stiffness: Annotated[float, Bounds(1e3, 1e6)]
     pretension: Annotated[float, Bounds(0.1, 100.0)]
@@ -41,10 +35,7 @@ class Variation(NamedTuple):
 
 
 class JointFriction(NamedTuple):
-    """Friction of the pins; `tension_share` multiplies radius and tensions, `constant` their own.
-
-    `presliding` [rad] and `viscous` [Nm s/rad] are of every joint.
-    """
+    """Friction of the pins; `tension_share` is of radius and tensions, `constant` of their own."""
 
     law: Literal["dahl", "maxwell_slip"]
     tension_share: Annotated[float, Bounds(0.0, 1.0)]
@@ -54,10 +45,7 @@ class JointFriction(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """Stops of every joint: how far `beyond` its limit they are [rad], their stiffness and damping.
-
-    In Nm/rad and Nm s/rad.
-    """
+    """Stops of every joint, `beyond` its limit [rad]: stiffness [Nm/rad], damping [Nm s/rad]."""
 
     beyond: Annotated[float, Bounds(0.0, 1.0)]
     stiffness: Annotated[float, Bounds(0.1, 1e3)]
@@ -100,7 +88,6 @@ class WristParameters(Parameters):
     """Cables, friction and sensors of an instrument; an attribute for each section."""
 
     SPECIMENS: ClassVar[tuple[str, ...]] = "nominal", "cable_only", "endowrist"
-    FOLDER: ClassVar[str] = "wrist"
 
     cables: Cables
     variation: Variation
@@ -164,19 +151,17 @@ class Drawn(NamedTuple):
 def plant_constants(
     p: WristParameters,
     mechanism: CableMechanism,
+    limits: tuple[Array, Array],
     substeps: int = SUBSTEPS,
-    limits: tuple[Array, Array] | None = None,
 ) -> tuple[PlantConstants, Drawn]:
     """Constants of one instrument, its single parts drawn with ``variation.seed``.
 
-    Its joints meet stops beyond `limits`, lower and upper (n_joints,) [rad], where they have any.
+    Its joints meet stops beyond `limits`, lower and upper (n_joints,) [rad], if these are finite.
     """
     from scipy.linalg import expm  # noqa: PLC0415  # takes longer to import than the rest
 
     cables, motors = mechanism.cables, tuple(mechanism.motors)
-    unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
-    lower, upper = unbounded if limits is None else limits
-    drawn = _drawn(p, mechanism)
+    drawn, (lower, upper) = _drawn(p, mechanism), limits
     side = np.sign(mechanism.moments)
     moved = np.argsort(side == 0.0, axis=1, kind="stable")
     stiffness = _stiffness(p, mechanism, drawn.stiffness)
@@ -209,7 +194,7 @@ def plant_constants(
         friction=f.constant * np.array([pin.friction for pin in pins]),
         per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
         presliding=f.presliding,
-        is_maxwell_slip=f.law == MAXWELL_SLIP,
+        is_maxwell_slip=f.law == "maxwell_slip",
         law=ContactLaw(0.0, f.presliding, 1.0, 1.0, 0.0),
         opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
         lowest=lower - p.stops.beyond,

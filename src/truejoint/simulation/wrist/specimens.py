@@ -15,7 +15,7 @@ MIXED: Final = "mixed"
 def population(count: int, seed: int = 0, family: str = MIXED) -> list[WristParameters]:
     """`count` virtual instruments of a family, or ``"mixed"``: of the families by turns.
 
-    The same seed gives the same instruments, and a larger population begins with the smaller one.
+    A larger population begins with the smaller one.
     ``"cable_only"`` has bare cables, ``"endowrist"`` rods in the shaft, ``"measured"`` is like the
     tool of MRDLab/mis-tool-characterization.
 

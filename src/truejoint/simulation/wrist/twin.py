@@ -34,8 +34,7 @@ class WristTwin(Twin):
     each other. The seed is that of sensors and homing; single parts are drawn with
     ``variation.seed``.
 
-    Raises TruejointError if the seed or the load is out of range, RobotError if the robot states no
-    cables, or a load has no arm to pull at.
+    Raises RobotError if the robot states no cables, or a load has no arm to pull at.
     """
 
     ROBOT: ClassVar[str] = "wrist"
@@ -58,7 +57,7 @@ class WristTwin(Twin):
         self.held: Callable[[Array], Array] | None = None
         limits = self.robot.lower, self.robot.upper
         self._reach = limits[0] - _BEYOND, limits[1] + _BEYOND
-        self._constants, self._drawn = plant_constants(self.parameters, mechanism, limits=limits)
+        self._constants, self._drawn = plant_constants(self.parameters, mechanism, limits)
         self._state, self._work = at_rest(self._constants), new_work(self._constants)
         # A stream each, so that changing one sensor leaves the others alone; the third is spare.
         self._streams = random_streams(4, self.seed)
