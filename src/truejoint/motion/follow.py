@@ -138,31 +138,29 @@ def follow(
     return run.report()
 
 
+@dataclass(eq=False)
 class _Run:
     """One passage of an arm along a time law, however often it is stopped on the way.
 
     Sums are over the blocks of the run, each (n_joints,); no more is kept than it looks back for.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        trajectory: Trajectory,
-        speed: ArrayLike | None,
-        progress: Callable[[float], None] | None,
-        steering: "Compensator | None",
-    ) -> None:
-        robot, joints = arm.robot, trajectory.joints
-        self._arm, self._trajectory = arm, trajectory
-        self._progress, self._steering = progress, steering
-        self._law = _time_law(robot, trajectory, speed)
+    arm: Arm
+    trajectory: Trajectory
+    speed: ArrayLike | None
+    progress: Callable[[float], None] | None
+    steering: "Compensator | None"
+    is_over: bool = False
+
+    def __post_init__(self) -> None:
+        robot, joints = self.arm.robot, self.trajectory.joints
+        self._law = _time_law(robot, self.trajectory, self.speed)
         self._columns = robot.index(joints)
-        self._pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
-        self._pose[self._columns] = trajectory.positions[0]
+        self._pose = self.arm.setpoint_js(np.inf).position.copy()  # however long it has stood
+        self._pose[self._columns] = self.trajectory.positions[0]
         self._at = 0.0  # of the law [s]
-        self.is_over = False
         self._channels = [robot.channels.index(name) for name in joints]
-        steered = () if steering is None else steering.joints
+        steered = () if self.steering is None else self.steering.joints
         self._steered = [k for k, name in enumerate(joints) if name in steered]
         self._followed = [k for k in range(len(joints)) if k not in self._steered]
         self._among = [steered.index(joints[k]) for k in self._steered]
@@ -172,22 +170,22 @@ class _Run:
     def approach(self, t: float) -> None:
         """Go to where the trajectory is taken up, at a time of the law [s]."""
         pose = self._rows(np.array([t]))[0] if t > 0.0 else self._pose
-        if self._steering is None:
+        if self.steering is None:
             with suppress(NotArrived):  # where it is at the end is in the report
-                self._arm.move_jp(pose).wait()
+                self.arm.move_jp(pose).wait()
         else:
-            self._steering.approach(self._arm, pose)
+            self.steering.approach(self.arm, pose)
 
     def go_on(self) -> None:
         """Move from where the arm was stopped to the end; raises MotionStopped if stopped again."""
-        arm, start = self._arm, self._at
+        arm, start = self.arm, self._at
         if start > 0.0:
             self.approach(start)
         lost = BLEND / 2 if start > 0.0 else 0.0  # while the speed builds up again
         duration = self._law.duration - start + lost
         pieces = self._pieces(start, duration)
-        if self._steering is not None:
-            pieces = self._steering.setpoints(arm, pieces, self._leg())
+        if self.steering is not None:
+            pieces = self.steering.setpoints(arm, pieces, self._leg())
         arm.subscribe(self._look, every=arm.stretch)  # not while it stands, which may be for long
         try:
             motion = arm.stream(pieces, duration, "follow")
@@ -204,22 +202,22 @@ class _Run:
         """Say how the trajectory was kept; raises CommandRefused if no state message came."""
         if not self._counts.all():
             raise CommandRefused("follow ended without a state message; is the robot reporting?")
-        path = self._trajectory
+        path = self.trajectory
         return TrackingReport(
             path.name, path.joints, path.units, np.sqrt(self._squares / self._counts), self._max,
             self._max_speed, self._law.duration,
         )  # fmt: skip
 
     def _pieces(self, start: float, duration: float) -> Iterator[Array]:
-        rate = self._arm.rate
+        rate = self.arm.rate
         periods = round(np.ceil(duration * rate - 1e-6))
         size = int(BLOCK_DURATION * rate)
         for first in range(0, periods, size):
             elapsed = np.arange(first + 1, min(first + size, periods) + 1) / rate
             yield self._rows(self._time(start, elapsed))
-            if self._progress is not None:
+            if self.progress is not None:
                 done = self._time(start, elapsed[-1:])[0] / self._law.duration
-                self._progress(min(float(done), 1.0))
+                self.progress(min(float(done), 1.0))
 
     def _time(self, start: float, elapsed: Array) -> Array:
         """Time of the law (n,) [s], `elapsed` after it was taken up at `start`."""
