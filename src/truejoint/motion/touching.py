@@ -1,6 +1,6 @@
 """Touching the dimples of a block with a simulated arm, as a person who steers it would."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -56,16 +56,11 @@ class SimulatedHand:
     translation: Array  # (3,), likewise [m]
     seat_sd: float = 2e-4  # how far off its dimple a tip rests, per axis [m]
     seed: int = 0
-    _true: Array | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.seed, 29])
         self._columns = self.arm.robot.index(self.arm.robot.positioning)
-        self._look_on()
-        if self._true is None:
-            raise CommandRefused(
-                f"{self.arm.robot.title} does not say where its joints really are; touch by hand"
-            )
+        self._look()
 
     def touch(self, point: Array, side: Array) -> float:
         """Rest in the dimple at `point` (3,) [m] of the block; gives the rest's end [s].
@@ -97,19 +92,21 @@ class SimulatedHand:
     def _lost(self) -> Array:
         """By how much the joints (n_joints,) are ahead of their set-points, once settled."""
         self.arm.wait(_SETTLING - _LOOK)
-        self._look_on()
-        assert self._true is not None  # noqa: S101  # looked for when it was made
-        now = self.arm.setpoint_js().position
+        true, now = self._look(), self.arm.setpoint_js().position
         lost = np.zeros(len(now))
-        lost[self._columns] = self._true - now[self._columns]
+        lost[self._columns] = true - now[self._columns]
         return lost
 
-    def _look_on(self) -> None:
-        """See where the joints really are."""
-        self.arm.subscribe(self._look)
+    def _look(self) -> Array:
+        """See where the positioning joints (n_positioning,) really are."""
+        blocks: list[StateBlock | TruthBlock] = []
+        self.arm.subscribe(blocks.append)
         self.arm.wait(_LOOK)
-        self.arm.unsubscribe(self._look)
-
-    def _look(self, block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, TwinOutput):
-            self._true = block.joint[-1]
+        self.arm.unsubscribe(blocks.append)
+        outputs = [block for block in blocks if isinstance(block, TwinOutput)]
+        if not outputs:
+            raise CommandRefused(
+                f"{self.arm.robot.title} does not say where its joints really are; touch by hand"
+            )
+        true: Array = outputs[-1].joint[-1]
+        return true
