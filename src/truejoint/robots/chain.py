@@ -47,10 +47,7 @@ class SerialChain:
         return self._frames(joint, len(self.axes))
 
     def jacobian(self, joint: ArrayLike) -> Array:
-        """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame, per joint speed.
-
-        Rows 0-2 are the tool's velocity [m], rows 3-5 its angular velocity [rad].
-        """
+        """Jacobian (..., 6, n_joints) at the tool, in the base frame: linear over angular."""
         rows, shape = self._rows(joint)
         by_axis = np.empty((len(rows), 6, len(self.axes)))
         _jacobian(*self._arrays, rows, by_axis)
