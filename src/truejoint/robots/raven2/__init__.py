@@ -1,3 +1,3 @@
 """RAVEN-II, the cable-driven surgical research robot: both arms, and its hardware's numbers."""
 
-from truejoint.robots.raven2.arm import build as build
+from truejoint.robots.raven2.hardware import build as build

@@ -1,15 +1,19 @@
-"""Numbers of the RAVEN-II hardware: drives, homing, control and links.
+"""RAVEN-II: both arms, and the numbers of their drives, homing, control and links.
 
 Facts are from uw-biorobotics/raven2 (branch crtk) unless another source stands beside them.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Final
 
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.robots.parts import Transmission
+from truejoint.robots.robot import Robot
+from truejoint.toml_file import shipped_table
 
 _DEG: Final = math.pi / 180.0
 
@@ -86,11 +90,11 @@ JAW_RATIO: Final = _TOOL_RATIO * 100.0 / 90.0
 
 # Cable coupling (include/raven/fwd_cable_coupling.h): how far a joint moves when a joint nearer
 # to the base moves while its own motor stands still.
-ELBOW_PER_SHOULDER: Final = 0.14545
-INSERTION_PER_SHOULDER: Final = 0.0077973826  # m/rad
-INSERTION_PER_ELBOW: Final = 0.008077387  # m/rad
+_ELBOW_PER_SHOULDER: Final = 0.14545
+_INSERTION_PER_SHOULDER: Final = 0.0077973826  # m/rad
+_INSERTION_PER_ELBOW: Final = 0.008077387  # m/rad
 # Turn of a tool's motor that keeps its joint still while the insertion's motor turns by 1.
-TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / INSERTION_RATIO
+_TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / INSERTION_RATIO
 
 
 def drives(arm: str) -> tuple[Drive, ...]:
@@ -124,3 +128,32 @@ def links(arm: str) -> tuple[Array, Array]:
     shoulder = side * 0.0065, side * 0.09775, side * -0.13771
     elbow, insertion = (-0.002, -0.18274, side * -0.23053), (0.0, 0.0, 0.0)
     return np.array([0.494, 0.750, 0.231]), np.array([shoulder, elbow, insertion])
+
+
+@cache
+def build(side: str) -> Robot:
+    """Give the arm of a side."""
+    table = shipped_table(__package__, "arm.toml")
+    about = {key: value for key, value in table.items() if key not in ("left", "right")}
+    about |= {"name": "raven2", "arm": side, "kinematics": {**table["kinematics"], **table[side]}}
+    return replace(Robot.from_dict(about), transmission=_transmission(side))
+
+
+def _transmission(arm: str) -> Transmission:
+    """Cables of an arm, coupled; its state message has the torques behind the gearboxes.
+
+    Source: uw-biorobotics/raven2:src/raven/inv_cable_coupling.cpp, for the 10 mm RAVEN grasper
+    with its first jaw's motor reversed (OPPOSE_GRIP).
+    """
+    shoulder, elbow, insertion, roll, wrist, jaw1, jaw2 = range(7)
+    # Motion of the cables, in joint units, that each joint's motor has to follow.
+    cable = np.eye(7)
+    cable[elbow, shoulder] = _ELBOW_PER_SHOULDER
+    cable[insertion, shoulder] = _INSERTION_PER_SHOULDER
+    cable[insertion, elbow] = _INSERTION_PER_ELBOW
+    ratios = np.array([drive.transmission_ratio for drive in drives(arm)])
+    motor = ratios[:, None] * cable
+    side = 1.0 if arm == "left" else -1.0
+    tool = side * _TOOL_MOTOR_PER_INSERTION_MOTOR * motor[insertion]
+    motor[[roll, wrist, jaw1, jaw2]] += np.outer([1.0, 1.0, -1.0, 1.0], tool)
+    return Transmission(motor, tuple(drive.gear_ratio for drive in drives(arm)))
