@@ -191,11 +191,8 @@ class Forceps(NamedTuple):
     def of(cls, mechanism: CableMechanism | None) -> "Forceps":
         """Read a mechanism of one joint, a motor's cable and a spring's; else RobotError."""
         cables = () if mechanism is None else mechanism.cables
-        if (
-            mechanism is None
-            or len(mechanism.pins) != 1
-            or [c.spring > 0 for c in cables] != [0, 1]
-        ):
+        has_spring = [cable.spring > 0 for cable in cables]
+        if mechanism is None or len(mechanism.pins) != 1 or has_spring != [False, True]:
             raise RobotError(
                 "the mechanism is not a forceps'; want one joint, a motor's cable and then a "
                 "spring's"

@@ -204,11 +204,10 @@ class Workspace:
                     f"workspace: {key} is {values.tolist()!s:.60}; want a finite number for "
                     f"each of {', '.join(self.joints)}"
                 )
-        for joint, good in zip(
-            self.joints, (self.lower < self.upper) & (self.speed > 0), strict=True
-        ):
-            if not good:
-                raise RobotError(f"workspace.{joint}: lower must be below upper, and speed above 0")
+        good = (self.lower < self.upper) & (self.speed > 0)
+        if not good.all():
+            joint = self.joints[int(np.argmin(good))]
+            raise RobotError(f"workspace.{joint}: lower must be below upper, and speed above 0")
 
     @property
     def centre(self) -> Array:

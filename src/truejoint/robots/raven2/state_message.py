@@ -61,9 +61,7 @@ def state_message(
         pose = robot.kinematics.forward(joint)
         columns |= _columns(f"tool{ending}", _AXES, pose[:, :3, 3])
         columns |= _columns(f"rotation{ending}", _ENTRIES, pose[:, :3, :3].reshape(-1, 9))
-    columns["grasp_setpoint/jaw"] = (
-        setpoint[:, names.index("jaw1")] + setpoint[:, names.index("jaw2")]
-    )
+    columns["grasp_setpoint/jaw"] = setpoint[:, robot.index(robot.grasper)].sum(axis=1)
     jacobian = robot.kinematics.jacobian(measured)
     moving = np.einsum("nij,nj->ni", jacobian, of("velocity"))
     for name in ("jacobian_velocity", "jacobian_force"):

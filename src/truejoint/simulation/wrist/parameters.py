@@ -169,15 +169,14 @@ def plant_constants(
     eccentric = side * drawn.eccentricity
     pins = list(mechanism.pins.values())
     radii = mechanism.radii * drawn.capstan
+    motor_of = np.array([motors.index(c.motor) if c.motor else -1 for c in cables])
     met = mechanism.contact
     dt, f = SETPOINT_DT / substeps, p.joint_friction
     w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
     constants = PlantConstants(
         dt=dt,
-        motor_of=np.array([motors.index(c.motor) if c.motor else -1 for c in cables]),
-        capstan=np.array(
-            [c.sign * radii[motors.index(c.motor)] if c.motor else 0.0 for c in cables]
-        ),
+        motor_of=motor_of,
+        capstan=np.where(motor_of >= 0, np.array([c.sign for c in cables]) * radii[motor_of], 0.0),
         n_moved=np.count_nonzero(side, axis=1),
         moved=moved,
         moments=np.take_along_axis(mechanism.moments * drawn.groove, moved, 1),
