@@ -27,7 +27,7 @@ def read_differences(path: Path, error: type[TruejointError]) -> dict[str, Any]:
     values = read_toml(path, error)
     if "like" not in values:
         return values
-    base = read_toml(path.parent / str(values.pop("like")), error)
+    base = read_toml(path.parent / Path(str(values.pop("like"))).name, error)
     merged: dict[str, Any] = laid_over(base, values)
     return merged
 
