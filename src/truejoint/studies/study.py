@@ -4,6 +4,7 @@ Nothing heavy is imported here, so that studies can be listed and completed at o
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -38,6 +39,7 @@ TESTS: Final = {
 }  # fmt: skip
 """Tests behind verdicts, by their name in ``claims.toml``."""
 _REPETITIONS: Final = ("session", "draw", "specimen")
+_OF_ORDERS: Final = ("low", "high", "each", "share")
 
 
 @dataclass(frozen=True)
@@ -371,32 +373,31 @@ class Study:
         return function
 
 
-def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
-    """Studies of a catalogue; an option's own values go before those that several studies share."""
-    for row in table["studies"]:
-        options = []
-        for option in row.get("options", ()):
-            own = {"name": option} if isinstance(option, str) else option
-            options.append(Option(**{**table["options"].get(own["name"], {}), **own}))
-        made = {"module": f"{__package__}.{row['module']}", "options": tuple(options)}
-        yield Study(**{"source": "", **row, **made})
+def _study(name: str, row: Mapping[str, Any], shared: Mapping[str, Any]) -> Study:
+    """Study of a row of the catalogue; an option's own values go before the `shared` ones."""
+    own = [{"name": each} if isinstance(each, str) else each for each in row["options"]]
+    options = tuple(Option(**{**shared.get(each["name"], {}), **each}) for each in own)
+    made = {"name": name, "module": f"{__package__}.{row['module']}", "options": options}
+    return Study(**{"source": "", **row, **made})
 
 
 def _stated(table: Mapping[str, Any]) -> Iterator[tuple[str, Statement]]:
     """Claims by key, each with the letter of its paper and its place among the paper's."""
-    counts: dict[str, int] = {}
-    for row in table["claims"]:
-        letter = "Y" if row["source"].startswith("yan2020") else "P"
-        letter = "O" if row["source"] == "ours" else letter
-        counts[letter] = counts.get(letter, 0) + 1
-        stated = {name: value for name, value in row.items() if name != "key"}
-        yield row["key"], Statement(**stated, number=f"{letter}{counts[letter]}")
+    counts = Counter[str]()
+    for key, row in table.items():
+        letter = {"yan2020": "Y", "ours": "O"}.get(row["source"].partition(",")[0], "P")
+        counts[letter] += 1
+        order = {name: value for name, value in row.items() if name in _OF_ORDERS}
+        about = {name: value for name, value in row.items() if name not in order}
+        yield key, Statement(**about, number=f"{letter}{counts[letter]}", order=order or None)
 
 
 CLAIMS: Final = dict(_stated(shipped_table(__package__, "claims.toml")))
 """Every claim of the papers that a study judges, by key, of `claims.toml`."""
 _CATALOGUE: Final = shipped_table(__package__, "catalogue.toml")
-STUDIES: Final = {study.name: study for study in _studies(_CATALOGUE)}
+STUDIES: Final = {
+    name: _study(name, row, _CATALOGUE["options"]) for name, row in _CATALOGUE["studies"].items()
+}
 """By name, of `catalogue.toml`, in the order in which they are listed."""
 
 
