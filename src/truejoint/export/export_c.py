@@ -172,9 +172,7 @@ def source_files(
     context["compensates"] = compensator is not None
     if NOISE in calibration.metadata:
         templates["_error_model.h"] = "error_model.h.j2"
-        context |= dict(
-            zip(("inputs", "sizes", "times"), inputs_and_noise(calibration), strict=True)
-        )
+        context["inputs"], context["sizes"], context["times"] = inputs_and_noise(calibration)
     if compensator is not None:
         loop = compensator.around(compensator.corrector).memory
         context |= {
@@ -315,9 +313,7 @@ def table(values: ArrayLike, precision: Precision) -> str:
 
 def rows(values: Array, precision: Precision) -> list[str]:
     """Braced initialisers of the rows of an array (n, k)."""
-    texts = Style(precision == "float").literals(values)
-    starts = range(0, len(texts), max(values.shape[1], 1))
-    return [f"{{{', '.join(texts[i : i + values.shape[1]])}}}" for i in starts]
+    return [table(row, precision) for row in values]
 
 
 def comment(text: object) -> str:
@@ -327,13 +323,7 @@ def comment(text: object) -> str:
 
 def render(template: str, context: Mapping[str, Any], precision: Precision) -> bytes:
     """Fill a template of this package with `context`; an unknown name is an error."""
-    single = precision == "float"
-    unlearnt = _bits({bit: bit.words for bit in Unlearnt})[1:]
-    names = {
-        "real": precision, "suffix": "f" if single else "", "single": single, "unlearnt": unlearnt,
-    }  # fmt: skip
-    text = _environment(precision).get_template(template).render(**names, **context)
-    return text.encode("ascii")
+    return _environment(precision).get_template(template).render(context).encode("ascii")
 
 
 @cache
@@ -347,6 +337,8 @@ def _environment(precision: Precision) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
     )
+    environment.globals["real"], environment.globals["single"] = precision, precision == "float"
+    environment.globals["unlearnt"] = _bits({bit: bit.words for bit in Unlearnt})[1:]
     environment.filters["table"] = partial(table, precision=precision)
     environment.filters["exact_table"] = partial(table, precision="double")
     environment.filters["comment"] = comment

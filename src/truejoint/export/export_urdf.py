@@ -1,7 +1,5 @@
 """A URDF of the user's with the fixed offsets of a calibration in its joints."""
 
-from __future__ import annotations
-
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
