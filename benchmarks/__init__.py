@@ -1,7 +1,5 @@
 """Measurements of speed, the loop and faults; see docs/results.md. Nothing passes or fails."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable

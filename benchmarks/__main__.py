@@ -5,8 +5,6 @@
 Takes hours on two cores; name the ones you want to have it sooner.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -10,8 +10,6 @@ name names that joint. Without options it takes one seed, a minute; docs/data_ch
 there is not made again.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -92,7 +90,7 @@ class Case:
 
     def changed(
         self, column: str, change: Callable[[Array], Array], everywhere: bool = False
-    ) -> Case:
+    ) -> "Case":
         """Case with a column changed in the chosen recording, or in all."""
         new = [
             replace(r, table=r.table.assign(**{column: change(r.column(column).copy())}))

@@ -21,8 +21,6 @@ later than 0.2 s after the first that is not, with the reading off by more than 
 two minutes and 200 g hung on it in the second half, and what is flagged is counted.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -32,14 +30,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import head, parsed, row, stored
 from benchmarks.loop import HOMING, Samples, simulated_session
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration
 from truejoint.runtime import Corrector, Status
-
-Row = NDArray[np.float64]
 
 BEGIN = 10_000  # sample at which a fault begins
 SETTLED = 200  # samples after the first flag in which a reading may still be OK
@@ -50,8 +46,8 @@ REDUNDANT = {"motors, set point": ("motor", "setpoint"), "set point": ("setpoint
 class Case:
     """A healthy stream and the joint to be hurt."""
 
-    t: Row
-    rows: Row
+    t: Array
+    rows: Array
     signals: Sequence[str]
     joint: str
     other: str
@@ -61,36 +57,36 @@ class Case:
         """Where a signal stands in a sample."""
         return self.signals.index(f"{quantity}/{joint or self.joint}")
 
-    def shown(self, quantity: str, values: Row) -> Row:
+    def shown(self, quantity: str, values: Array) -> Array:
         """Give samples with these values of a quantity of the joint from the fault on."""
         rows = self.rows.copy()
         rows[BEGIN:, self.column(quantity)] = values[BEGIN:]
         return rows
 
 
-def true_reading(case: Case) -> Row:
+def true_reading(case: Case) -> Array:
     """Give the reading of the joint without a fault."""
     return np.array(case.rows[:, case.column("measured")])
 
 
-def reading(values: Callable[[Case, Row], Row]) -> Callable[[Case], Row]:
+def reading(values: Callable[[Case, Array], Array]) -> Callable[[Case], Array]:
     """Put a fault into the reading, by the case and the true one."""
     return lambda case: case.shown("measured", values(case, true_reading(case)))
 
 
-def noise(case: Case) -> Row:
+def noise(case: Case) -> Array:
     """Give noise of 1e-9."""
     return 1e-9 * np.random.default_rng(0).normal(size=len(case.t))
 
 
-def lost_counts(_: Case, q: Row) -> Row:
+def lost_counts(_: Case, q: Array) -> Array:
     """Lose 2 % of the movement one way."""
     up = np.maximum(np.diff(q, prepend=q[0]), 0.0)
     up[: BEGIN + 1] = 0.0
     return q - 0.02 * np.cumsum(up)
 
 
-def swap(case: Case, quantity: str = "measured") -> Row:
+def swap(case: Case, quantity: str = "measured") -> Array:
     """Show another joint's position, and that one this joint's; or their efforts or motors."""
     rows = case.rows.copy()
     here, there = case.column(quantity), case.column(quantity, case.other)
@@ -98,7 +94,7 @@ def swap(case: Case, quantity: str = "measured") -> Row:
     return rows
 
 
-FAULTS: dict[str, Callable[[Case], Row]] = {
+FAULTS: dict[str, Callable[[Case], Array]] = {
     "stuck": reading(lambda c, q: q[BEGIN] + noise(c)),
     "jump": reading(lambda c, q: q + 5.0 * c.half_width),
     # By the half-width in three seconds.
@@ -124,7 +120,7 @@ class Outcome:
     latched: bool
 
 
-def outcome(case: Case, rows: Row, model: Calibration) -> Outcome:
+def outcome(case: Case, rows: Array, model: Calibration) -> Outcome:
     """Run a corrector along the samples."""
     corrector = Corrector(model)
     corrector.set_homing(True, HOMING)

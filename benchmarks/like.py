@@ -8,8 +8,6 @@ Of the others the first, and those at a quarter, half and three quarters, give 2
 three and the last three give 60 s each. Cells are means over these of the RMSE [deg].
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -15,8 +15,6 @@ stopping   A thread asks for a pause at a random moment of a random command. The
 Prints Markdown tables.
 """
 
-from __future__ import annotations
-
 import gc
 import multiprocessing
 import os

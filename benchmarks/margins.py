@@ -10,8 +10,6 @@ are, as a share of what the same motion without compensation leaves but for its 
 offset would take off; the share of the loop's steps that were OK; and what ended the motion.
 """
 
-from __future__ import annotations
-
 import logging
 from collections import Counter, deque
 from typing import Any
@@ -20,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks import head, parsed, row
-from benchmarks.arms import homed, recorded
+from benchmarks.arms import blocks_of, homed, recorded
 from truejoint.array_types import Array
 from truejoint.calibration import calibrate
-from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
+from truejoint.crtk import Arm, simulated_arm
 from truejoint.errors import CommandRefused
 from truejoint.motion import Trajectory, random_motion
 from truejoint.runtime import Compensator, Corrector, Status
@@ -69,12 +67,7 @@ def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array,
     wanted = np.column_stack([np.interp(times, path.times, joint) for joint in path.positions.T])
     full = np.tile(arm.setpoint_js(np.inf).position, (len(wanted), 1))
     full[:, arm.robot.index(path.joints)] = wanted
-    true: list[Array] = []
-
-    def keep(block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, TwinOutput):
-            true.append(block.joint)
-
+    true: list[TwinOutput] = []
     ended, on_the_way = "", False
     try:
         if loop is None:
@@ -83,18 +76,19 @@ def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array,
             loop.approach(arm, full[0])
             loop.statuses.clear()
         on_the_way = True
-        arm.subscribe(keep)
-        arm.servo_jp_stream(full) if loop is None else loop.drive(arm, wanted)
+        with blocks_of(arm, TwinOutput) as true:
+            arm.servo_jp_stream(full) if loop is None else loop.drive(arm, wanted)
     except CommandRefused as refusal:
-        at = f"after {sum(map(len, true)) / arm.rate:.0f} s" if on_the_way else "on the way to it"
-        why = str(refusal)
+        seconds = sum(len(block.joint) for block in true) / arm.rate
+        at, why = f"after {seconds:.0f} s" if on_the_way else "on the way to it", str(refusal)
         if loop is not None and loop.trouble:
             doubted = loop.statuses - Counter({Status.OK: loop.statuses[Status.OK]})
             why = f"fell back, most seen {doubted.most_common(1)[0][0].name}"
         ended = f"{at}: {why}"
     if not true:
         return np.full((1, wanted.shape[1]), np.nan), ended
-    joint = np.concatenate(true)[loop is not None :]  # the loop waits for a sample first
+    # The loop waits for a sample first.
+    joint = np.concatenate([block.joint for block in true])[loop is not None :]
     return joint[: len(wanted)] - wanted[: len(joint)], ended
 
 

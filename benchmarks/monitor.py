@@ -12,8 +12,6 @@ half. Late periods of the
 arm's loop are those above 1.5 ms.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import tempfile

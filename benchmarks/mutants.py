@@ -10,8 +10,6 @@ types and messages are left alone. What is in the file is not run again, so that
 made in pieces. A mutant on which the tests hang counts as killed.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import importlib

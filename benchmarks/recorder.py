@@ -10,8 +10,6 @@ in the file to the kill; a file that cannot be read is a miss, but for one witho
 where the kill came within the second that may be lost.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import tempfile
 import time

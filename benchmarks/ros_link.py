@@ -23,8 +23,6 @@ path    A zig-zag on `node simulate --quirks`, at the default speed, followed wi
 busy with, divided by its cores.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -15,8 +15,6 @@ twins     How many times faster than real time the twins run, against the other 
 Prints Markdown tables; what is above a bar is bold.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import statistics
 import subprocess
@@ -228,21 +226,17 @@ def build(calibration: Calibration, recording: Recording, folder: Path) -> Path:
 
 def time_corrector(model: Calibration, samples: Samples, calls: int) -> Array:
     """Time of each step [us]; every sample must come out corrected."""
-    corrector = Corrector(model)
+    corrector, statuses = Corrector(model), [0] * calls
     corrector.set_homing(True)
-    rows = list(samples.rows)
-    stamps, step, clock = samples.t, corrector.step, time.perf_counter_ns
-    laps = np.empty(calls)
-    flagged = 0
-    for i in range(calls):
-        t, row = stamps[i], rows[i]
-        start = clock()
-        status = step(t, row)
-        laps[i] = clock() - start
-        flagged += status != Status.OK
-    if flagged:
+    stamps, rows, step = samples.t, list(samples.rows), corrector.step
+
+    def correct(k: int) -> None:
+        statuses[k] = step(stamps[k], rows[k])
+
+    laps = laps_of(correct, calls)
+    if flagged := np.count_nonzero(statuses):
         print(f"  ({flagged} of {calls} samples were flagged)")
-    return laps[200:] * 1e-3
+    return laps[200:]
 
 
 def steps(model: Calibration, unseen: Recording, calls: int) -> dict[str, float]:

@@ -4,8 +4,6 @@
 ``table3`` and goes on where it was stopped; ``--set trials=10`` is a first look.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import tomllib

@@ -1,7 +1,5 @@
 """How evenly a loop runs, a paced arm that keeps when its passes started, and processor time."""
 
-from __future__ import annotations
-
 import os
 import time
 from dataclasses import dataclass
@@ -28,7 +26,7 @@ class LoopTiming:
     late_share: float
 
     @classmethod
-    def of(cls, starts: np.ndarray, period: float) -> LoopTiming:
+    def of(cls, starts: np.ndarray, period: float) -> "LoopTiming":
         """Judge a loop of a `period` [s] whose passes started at `starts` (n,) [s], n >= 2."""
         periods = np.diff(starts)
         median, p99 = np.quantile(periods, [0.5, 0.99])

@@ -11,8 +11,6 @@ named, and how many times as far off as stated the tip is where it is taken. The
 moves before six touches re-zero a model, with four, eight or no references.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from tests.drawn_arm import FAULTS, NOISE, DrawnArm, block_session, tracker_session, way
 

@@ -15,8 +15,6 @@ two touches 1 mm off in each axis, with a print .5 % small that nobody measured,
 day of the same arm as a prior.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any
@@ -110,6 +108,16 @@ def touched(
     return recording, Touches(tuple(t - start for t in stamps), tuple(dimples))
 
 
+@dataclass(frozen=True)
+class Judge:
+    """Five minutes of random motion: what was measured, and what only the twin knows."""
+
+    recording: Recording
+    measured: Array  # (n, all joints)
+    true: Array
+    counts: Mask
+
+
 def observed(arm: Arm, seed: int) -> Judge:
     """Record five minutes of random motion."""
     motion = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory")
@@ -121,16 +129,6 @@ def observed(arm: Arm, seed: int) -> Judge:
     true = measured.copy()
     true[:, :3] = np.column_stack([np.interp(stamps, t, rows[:, k]) for k in range(3)])
     return Judge(recording, measured, true, (stamps >= t[0]) & (stamps <= t[-1]))
-
-
-@dataclass(frozen=True)
-class Judge:
-    """Five minutes of random motion: what was measured, and what only the twin knows."""
-
-    recording: Recording
-    measured: Array  # (n, all joints)
-    true: Array
-    counts: Mask
 
 
 @dataclass(frozen=True)

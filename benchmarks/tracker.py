@@ -12,8 +12,6 @@ of random motion each, how often intervals of 90 % of the transforms hold. Every
 in a file under ``--out`` and is not run again while that is there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from tests.simulated_tracker import TRACKERS
@@ -29,14 +26,13 @@ from tests.simulated_tracker import TRACKERS
 from benchmarks import head, parsed, row, stored
 from benchmarks.arms import homed, recorded
 from truejoint import calibrate
+from truejoint.array_types import Array
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.motion import Trajectory, random_motion, zigzag
 from truejoint.recordings import Recording, Track
 from truejoint.simulation import TwinOutput
 from truejoint.tip import Base, Marker, Registered, Registration, tracked_truth
 from truejoint.units import display_unit
-
-Array = NDArray[np.float64]
 
 LINK = "roll"
 DEVIATIONS = np.repeat([np.deg2rad(0.03), 2e-4, 1e-4], 3)  # turn, shift, marker
