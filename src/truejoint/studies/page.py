@@ -1,7 +1,7 @@
 """What a study leaves: page, tables, numbers, pictures; one page over all studies."""
 
-import base64
 import json
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
@@ -80,7 +80,7 @@ def write_study(
         study=result.study,
         settings=result.settings.to_dict(),
         summary=summary,
-        pictures={key: base64.b64encode(data).decode("ascii") for key, data in pictures.items()},
+        pictures={key: b64encode(data).decode() for key, data in pictures.items()},
         created=created,
         command=command,
     )
@@ -110,30 +110,29 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
     >>> write_overview("studies")  # doctest: +SKIP
     PosixPath('studies/index.html')
     """
-    results, counts, unusual, better, pictures = {}, {}, {}, {}, {}
+    results = {}
     for name, study in STUDIES.items():
         result = _read(Path(folder) / name / f"{name}.json")
         with suppress(KeyError, TypeError, AttributeError, StudyError):  # as if it were not there
             settings, claims = result["settings"], result["claims"]
             usual = study.settings(settings["preset"], settings["seed"]).to_dict()["options"]
             options = settings["options"].items()
-            unusual[name] = [f"{key} {value}" for key, value in options if usual.get(key) != value]
             shown = [tuple(claim[key] for key in _CLAIM) for claim in claims]
-            counts[name] = Counter(verdict for verdict, *_ in shown)
-            better[name] = sum(own[0] == VERDICTS[2] and own[-1] != "fail" for own in shown)
-            origin = {"created": "", "source": "", "versions": {}, **result["origin"]}
-            results[name] = {"tables": [], **result, "origin": origin}
             drawn = sorted((Path(folder) / name).glob("*.png"))
-            pictures[name] = [base64.b64encode(f.read_bytes()).decode("ascii") for f in drawn]
+            results[name] = {
+                "tables": [],
+                **result,
+                "origin": {"created": "", "source": "", "versions": {}, **result["origin"]},
+                "unusual": [f"{key} {value}" for key, value in options if usual.get(key) != value],
+                "counts": Counter(verdict for verdict, *_ in shown),
+                "better": sum(own[0] == VERDICTS[2] and own[-1] != "fail" for own in shown),
+                "pictures": [b64encode(file.read_bytes()).decode() for file in drawn],
+            }
     page = render_page(
         "overview.html.j2",
         package="truejoint.studies",
         studies=STUDIES,
         results=results,
-        pictures=pictures,
-        counts=counts,
-        unusual=unusual,
-        better=better,
         verdicts=VERDICTS,
         created=now_text(),
         command=command,

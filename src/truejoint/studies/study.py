@@ -27,6 +27,8 @@ Holds = bool | None | Literal["more"]
 Row = Mapping[str, Any]
 """Flat JSON values by column."""
 Rows = list[Row]
+Plain = Mapping[str, Mapping[str, Any]]
+"""A specimen as plain values, which `Part.arguments` can hold."""
 
 PRESETS: Final = get_args(Preset)
 VERDICTS: Final = ("holds", "holds more strongly", "does not", "cannot be told")
@@ -204,14 +206,9 @@ class Results:
         """Put the results of parts, by key, together."""
         from pandas import DataFrame  # noqa: PLC0415  # a list of studies needs no arithmetic
 
-        rows = [
-            {"part": part.key, **part.labels, **row}
-            for part in parts
-            for row in results[part.key].rows
-        ]
-        return cls(
-            settings, DataFrame(rows), {part.key: results[part.key].arrays for part in parts}
-        )
+        own = [(part, results[part.key]) for part in parts]
+        rows = [{"part": part.key, **part.labels, **row} for part, of in own for row in of.rows]
+        return cls(settings, DataFrame(rows), {part.key: of.arrays for part, of in own})
 
 
 @dataclass(frozen=True)
@@ -273,10 +270,9 @@ class Statement(NamedTuple):
 
     def claim(self, holds: Holds, found: str, on: str = "", count: int = 0) -> Claim:
         """Claim with a verdict, told over `count` repetitions."""
-        better = "; better than stated" if holds is False and self.flaw else ""
+        found += "; better than stated" if holds is False and self.flaw else ""
         test = f"{TESTS[self.test]} at {100 * LEVEL:.0f} %" + (f", n = {count}" if count else "")
-        text, source, found = self.text, self.source, found + better
-        return Claim(text, source, holds, found, on, self.flaw, self.number, test)
+        return Claim(self.text, self.source, holds, found, on, self.flaw, self.number, test)
 
     def judged(self, found: Any, on: str = "") -> Claim:
         """Claim on what was found, on one of several where that has a name.

@@ -24,7 +24,7 @@ from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.rows import ecdf_figure, frame_table, notes_on, quantiles, select
-from truejoint.studies.study import Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, Plain, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
 OPEN: Final = "open"
@@ -58,21 +58,17 @@ def parts(settings: Settings) -> Sequence[Part]:
         SwingingLoad(*load)  # refuses what cannot be
     case = {"methods": methods, "seconds": settings["seconds"], **how}
     one = {"forceps": forceps, "number": seed, **case}
-    found = [
-        Part(
-            f"{n}-{method}", track, {**one, "follows": [method], "loads": {name: load}}, {"case": n}
-        )
-        for n, (name, load) in enumerate(loads.items())
-        for method in (OPEN, *methods)
-    ]
+    found = []
+    for n, (name, load) in enumerate(loads.items()):
+        for method in (OPEN, *methods):
+            tried = {"follows": [method], "loads": {name: load}}
+            found.append(Part(f"{n}-{method}", track, one | tried, {"case": n}))
     case |= {"follows": [OPEN, *methods], "seconds": min(settings["seconds"], _A_PERIOD)}
     for n, plant in enumerate(plants):
-        group = {"forceps": plant.to_dict(), "number": n}
         # The load shuts the jaw of every other specimen, and opens that of the others.
         hung = {"none": (0.0, 0.0, False), "steady": (mass, 0.0, bool(n % 2))}
-        found.append(
-            Part(f"specimen-{n:05d}", track, {**group, **case, "loads": hung}, {"specimen": n})
-        )
+        drawn = {"forceps": plant.to_dict(), "number": n, "loads": hung}
+        found.append(Part(f"specimen-{n:05d}", track, case | drawn, {"specimen": n}))
     return found
 
 
@@ -88,13 +84,13 @@ def follow_jaw(
     load: SwingingLoad,
     *,
     seed: int,
-    rate: float,
-    gain: float,
+    **how: float,
 ) -> tuple[Array, Array, Integers]:
     """Put a specimen's jaw along angles `wanted` (n,) [rad] at 1 kHz, homed anew.
 
-    With a calibration as `model` in a loop, or with none. Returns the jaw's angle (m,) [rad] by the
-    reference encoder and exactly, and the statuses of the corrector's steps (k,).
+    With a calibration as `model` in a loop, `how` as `Compensator` takes it, or with none. Returns
+    the jaw's angle (m,) [rad] by the reference encoder and exactly, and the statuses of the
+    corrector's steps (k,).
     """
     twin = ForcepsTwin(plant, seed=seed)
     arm, blocks = Arm(SimulatedBackend(twin)), list[StateBlock | TruthBlock]()
@@ -113,13 +109,12 @@ def follow_jaw(
         compensator = Compensator(
             corrector,
             arm.robot,
-            rate=rate,
             lag=lag(plant),
-            gain=gain,
             time_constant=QUICK,
             integral_time=math.inf,
             dead_band=DEAD_BAND,
             believed=KNOWN,
+            **how,
         )
         compensator.drive(arm, wanted[:, None])
         status = np.array(list(compensator.statuses.elements()), dtype=np.int64)
@@ -129,7 +124,7 @@ def follow_jaw(
 
 
 def track(
-    forceps: m.Plain,
+    forceps: Plain,
     methods: Sequence[str],
     follows: Sequence[str],
     loads: Mapping[str, tuple[float, float, bool]],
@@ -152,9 +147,8 @@ def track(
             *angles, status = follow_jaw(
                 plant, model, wanted, SwingingLoad(*load), seed=2 * number + 1, **how
             )
-            row["rms"], row["exact_rms"] = (
-                m.rms((angle - wanted[: len(angle)])[first:]) for angle in angles
-            )
+            errors = (m.rms((angle - wanted[: len(angle)])[first:]) for angle in angles)
+            row["rms"], row["exact_rms"] = errors
             row["corrected"] = float(np.mean(status & ~int(KNOWN) == 0)) if len(status) else 0.0
         rows.append({"load": name, "method": method, **row})
     return rows
@@ -175,9 +169,8 @@ def summarise(results: Results) -> Summary:
         frame_table(f"Tracking (28), {specimen}", pairs, notes, head="load"),
         _spread(settings, every),
     )
-    drawn = concat(
-        [group.assign(on=specimen), select(every, load="steady").assign(on="population")]
-    )
+    steady = select(every, load="steady").assign(on="population")
+    drawn = concat([group.assign(on=specimen), steady])
     caption = "Error against the reference encoder, over loads and on every specimen under one."
     title = "The jaw in a closed loop"
     figure = ecdf_figure(title, drawn, "name", "on", caption, colours=m.COLOURS)

@@ -18,7 +18,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.paper import cases
 from truejoint.studies.rows import frame_table, notes_on, select
-from truejoint.studies.study import Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, Plain, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
 
@@ -106,7 +106,7 @@ def _identified(
     return assumed, identified, common
 
 
-def weigh(forceps: m.Plain, seed: int, motion: str, hung: Mapping[str, Any] | None) -> Rows:
+def weigh(forceps: Plain, seed: int, motion: str, hung: Mapping[str, Any] | None) -> Rows:
     """Identify the stiffness of a specimen by known weights, and estimate another, or none."""
     plant = ForcepsParameters.from_dict(forceps)
     assumed, identified, common = _identified(plant, seed, motion)
@@ -174,9 +174,8 @@ def _weights(rows: DataFrame) -> Table:
     stiffness = [one[name] / 1e3 for name in ("drive_stiffness", "deviation", "true_stiffness")]
     notes = notes_on("load", arm=1e3 * one.arm, stiffness=stiffness, growth=one.growth, **values)
     if len(slack):
-        notes.append(
-            f"Left out, since the drive cable is slack under it: {', '.join(slack.index)}."
-        )
+        names = ", ".join(slack.index)
+        notes.append(f"Left out, since the drive cable is slack under it: {names}.")
     table = DataFrame({**texts, "inside": inside}, weighed.index)
     return frame_table(f"External load, {one.specimen}", table, notes, head="load")
 

@@ -24,11 +24,8 @@ from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
-from truejoint.studies.study import Rows, Settings
+from truejoint.studies.study import Plain, Rows, Settings
 from truejoint.toml_file import shipped_table
-
-Plain = Mapping[str, Mapping[str, Any]]
-"""A specimen as plain values, which `Part.arguments` can hold."""
 
 _TONES: Final = paths.CALIBRATION_TONES
 _TRAJECTORIES: Final[Mapping[str, Callable[[], Trajectory]]] = {

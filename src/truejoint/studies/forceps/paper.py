@@ -18,7 +18,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.rows import frame_table, notes_on, reported, reported_text, select, unique
-from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, PartResult, Plain, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
@@ -40,7 +40,7 @@ def unloaded_parts(settings: Settings) -> Sequence[Part]:
     ]
 
 
-def compare(forceps: m.Plain, methods: Sequence[str], seed: int) -> PartResult:
+def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
     """Calibrate methods on (27), and judge them there and on (28), with noise of its own."""
     plant, rows = ForcepsParameters.from_dict(forceps), Rows()
     arrays: dict[str, Array] = {}
@@ -91,9 +91,8 @@ def unloaded_summary(results: Results) -> Summary:
     notes = notes_on("unloaded", **settings.options, rule=claims.RULE)
     notes += m.note_left_out(settings, verified)
     title = f"yan2020 Table 2 and figure 6, specimen {name}"
-    table = frame_table(
-        title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
-    )
+    body = DataFrame(cells, [m.TITLES[key] for key in verified.index])
+    table = frame_table(title, body, notes, head="method")
     figure = _unloaded_figure(results.arrays["unloaded-0"], name)
     if m.PAPERS_BEST not in rows.index:
         return Summary((table,), {"forceps-unloaded": figure})
@@ -116,11 +115,10 @@ def _sizes(
 ) -> claims.Verdict:
     """Judge whether a method's largest, least and RMS errors are those that a table prints."""
     there = reported("yan2020", table, f"trajectory {_RUNS[run][1:-1]}", method)
-    pairs = []
-    for size, key in _PRINTED.items():
-        sizes = claims.by_session(rows, method=method, motion=run, size=size)
-        pairs.append((f"|{key}|", sizes, abs(there[key])))
-    return claims.matches(pairs)
+    pick = partial(claims.by_session, rows, method=method, motion=run)
+    return claims.matches(
+        [(f"|{key}|", pick(size=size), abs(there[key])) for size, key in _PRINTED.items()]
+    )
 
 
 def _saving(rows: DataFrame, size: str, printed: float) -> claims.Verdict:
@@ -212,7 +210,7 @@ def cases(settings: Settings) -> dict[str, dict[str, Any]]:
 
 
 def hang(
-    forceps: m.Plain, methods: Sequence[str], seed: int, mass: float, direction: str, hand: int
+    forceps: Plain, methods: Sequence[str], seed: int, mass: float, direction: str, hand: int
 ) -> PartResult:
     """Calibrate methods unloaded on (27), and judge them while one weight is hung on the jaw."""
     plant, test = ForcepsParameters.from_dict(forceps), m.load_test(mass, direction)
@@ -240,13 +238,12 @@ def loaded_summary(results: Results) -> Summary:
 
     def paper(phases: Sequence[str], *metrics: str) -> list[str]:
         """Numbers of Table 3 by weight, those of one weight joined by slashes."""
-        wanted = [(f"phase {phase}", metric) for phase in phases for metric in metrics]
-        return [
-            "/".join(
-                _printed(f"load={1e3 * mass:.0f}g {phase}", metric) for phase, metric in wanted
-            )
+        rows = [
+            [(f"load={1e3 * mass:.0f}g phase {phase}", metric) for phase, metric in wanted]
             for mass in loads.mass.first()
+            for wanted in [list(product(phases, metrics))]
         ]
+        return ["/".join(_printed(*cell) for cell in row) for row in rows]
 
     def table(title: str, texts: Series, notes: Sequence[str] = (), **first: Any) -> Table:
         """Texts by load and method, behind the columns `first`."""
@@ -301,14 +298,12 @@ def _within(
     rows = rows[rows.mass < lightest]
     angle = select(rows, phase=phase or "IV", method=m.PAPERS_BEST)
     angle = angle.assign(angle=np.degrees(angle.rms if phase else angle.turn.abs()))
-    ways: Any = angle.groupby("direction", sort=False)
-    worst = {way: part.groupby("draw").angle.max() for way, part in ways}
-    numbers = ", ".join(
-        f"{angles.max():.2f} deg {way}{claims.against(angles, limit)}"
-        for way, angles in worst.items()
-    )
-    within = {claims.below(angles, limit) for angles in worst.values()}
-    return within.pop() if len(within) == 1 else None, f"worst {numbers}"
+    within, texts = set(), []
+    for way, part in angle.groupby("direction", sort=False):
+        worst = part.groupby("draw").angle.max()
+        within.add(claims.below(worst, limit))
+        texts.append(f"{worst.max():.2f} deg {way}{claims.against(worst, limit)}")
+    return within.pop() if len(within) == 1 else None, f"worst {', '.join(texts)}"
 
 
 def _while_hung(rows: DataFrame) -> claims.Verdict:
@@ -320,7 +315,7 @@ def _while_hung(rows: DataFrame) -> claims.Verdict:
 
 def _as_table_3(rows: DataFrame) -> claims.Verdict:
     """Whether errors are those of Table 3, of the direction in which they come nearer."""
-    verdicts = []
+    verdicts: list[claims.Verdict] = []
     for way, part in rows.groupby("direction", sort=False):
         pairs = []
         for mass, phase in product(unique(part, "mass"), JUDGED):
@@ -329,10 +324,8 @@ def _as_table_3(rows: DataFrame) -> claims.Verdict:
             sizes = claims.by_session(part, method=m.PAPERS_BEST, mass=mass, phase=phase)
             pairs += [(f"{load}, {way}", sizes, there["rms"])] if there else []
         verdicts += [claims.matches(pairs)] if pairs else []
-    order = (True, "more", None, False)
-    return min(
-        verdicts, key=lambda verdict: order.index(verdict[0]), default=(None, "no such weight")
-    )
+    order, none = (True, "more", None, False), (None, "no such weight")
+    return min(verdicts, key=lambda verdict: order.index(verdict[0]), default=none)
 
 
 LOADED_CLAIMS: Final = claims.statements(
@@ -377,14 +370,11 @@ def _loaded_figures(results: Results, methods: Sequence[str], name: str) -> dict
         f"Errors while weights are hung on the jaw, means over {_AVERAGE:g} s, each panel with a "
         "scale of its own; grey: the hand lets go.",
     )
-    title, height = "yan2020 figure 9({}), specimen " + name, 2.3 * len(errors) + 1.0
+    a, b = (f"yan2020 figure 9({letter}), specimen {name}" for letter in "ab")
+    height = 2.3 * len(errors) + 1.0
     return {
-        "forceps-loaded-angles": Figure(
-            title.format("a"), (angles,), captions[0], height=4.8, legend=True
-        ),
-        "forceps-loaded": Figure(
-            title.format("b"), errors, captions[1], height=height, legend=True
-        ),
+        "forceps-loaded-angles": Figure(a, (angles,), captions[0], height=4.8, legend=True),
+        "forceps-loaded": Figure(b, errors, captions[1], height=height, legend=True),
     }
 
 

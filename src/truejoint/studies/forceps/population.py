@@ -29,7 +29,7 @@ from truejoint.studies.rows import (
     quantiles,
     select,
 )
-from truejoint.studies.study import CLAIMS, Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import CLAIMS, Part, Plain, Results, Rows, Settings, Summary
 
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""
@@ -62,7 +62,7 @@ def _one_each(settings: Settings, key: str, label: str, common: Mapping[str, Any
 
 
 def judge(
-    forceps: m.Plain,
+    forceps: Plain,
     methods: Sequence[str],
     motion: str,
     homing_deviation: float,
@@ -124,9 +124,8 @@ def population_summary(results: Results) -> Summary:
     if len(loaded):
         held = loaded.groupby("name").deg.agg(lambda deg: f"{100 * np.mean(deg <= _HELD):.0f} %")
         under = {"IV median": 0.5, "IV 90 %": 0.9, "IV worst": 1.0}
-        table = table.join(quantiles(loaded, "name", "deg", under)).join(
-            held.rename(f"IV within {_HELD:g} deg")
-        )
+        table = table.join(quantiles(loaded, "name", "deg", under))
+        table = table.join(held.rename(f"IV within {_HELD:g} deg"))
     about = {**settings.options, "seed": settings.seed, "specimens": len(results.arrays)}
     notes = notes_on("population", **about, hung=notes_on("hung")[0] if len(loaded) else "")
     notes += _within(unloaded, loaded) if len(loaded) and m.BEST in rms else ()
@@ -224,12 +223,10 @@ def swinging_summary(results: Results) -> Summary:
     return Summary((table,), claims=[claim.judged(rows)] if judged else ())
 
 
-LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
-    "motor": (MOTOR,),
-    "x1": (DRIVE,),
-    "x2": (RESET,),
-    "motor+x2": (MOTOR, RESET),
-    "x1+x2": (DRIVE, RESET),
+_SENSORS: Final = {"motor": MOTOR, "x1": DRIVE, "x2": RESET}
+LAYOUTS: Final = {
+    name: tuple(_SENSORS[sensor] for sensor in name.split("+"))
+    for name in ("motor", "x1", "x2", "motor+x2", "x1+x2")
 }
 """What the estimate is made of, by name; the motor's encoder is there anyhow."""
 NOISE: Final = 0.1
@@ -305,7 +302,7 @@ def sensed(recording: Recording, resolution: float, zero: ZeroShift, seed: int) 
 
 
 def measure(
-    forceps: m.Plain,
+    forceps: Plain,
     layouts: Sequence[str],
     resolutions: Sequence[float],
     homings: Sequence[float],

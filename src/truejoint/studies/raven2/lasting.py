@@ -17,7 +17,7 @@ from truejoint.studies.raven2 import tables
 from truejoint.studies.raven2.sessions import LOADED, UNLOADED, WORKS
 from truejoint.studies.raven2.training import by_length
 from truejoint.studies.rows import select, unique
-from truejoint.studies.study import Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, Plain, Results, Rows, Settings, Summary
 
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
 _DRAWN: Final = {
@@ -84,12 +84,9 @@ def endurance_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     caption = "RMSE by hour after one calibration; median over trainings of the three lengths."
     name = f"peng2024 figure 6, specimen {title}"
     look = {"condition": "hour", "by": "name", "x": "hour", "log": "y"}
-    figures = {
-        f"endurance-{title}": tables.joint_figure(
-            name, drawn, caption, by_condition, "work", **look
-        ),
-        f"trajectories-{title}": _trajectories(title, works, results.arrays[f"{title}-0"]),
-    }
+    figure = tables.joint_figure(name, drawn, caption, by_condition, "work", **look)
+    minute = _trajectories(title, works, results.arrays[f"{title}-0"])
+    figures = {f"endurance-{title}": figure, f"trajectories-{title}": minute}
     whole = set(WORKS) <= set(works) and settings["hours"] > 1
     return Summary(made, figures, claims.judged(ENDURANCE_CLAIMS, rows, title) if whole else ())
 
@@ -168,7 +165,7 @@ def homing_parts(settings: Settings) -> Sequence[Part]:
 
 
 def home_again(
-    raven: s.Plain,
+    raven: Plain,
     seen: bool,
     seed: int,
     networks: int,

@@ -21,7 +21,7 @@ from truejoint.runtime import Corrector
 from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import frame_table, notes_on, paper_numbers, reported, reported_text
-from truejoint.studies.study import Part, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, Plain, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
 WHEN: Final = ("first", "last")
@@ -48,7 +48,7 @@ def rivals_parts(settings: Settings) -> Sequence[Part]:
     return s.part_for_each(settings, compare, 600_000, "models", "training", "hours")
 
 
-def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hours: int) -> Rows:
+def compare(raven: Plain, models: Sequence[str], seed: int, training: str, hours: int) -> Rows:
     """Fit models, and judge joints and tool in the first and the last hour of unloaded work."""
     arm, _ = s.homed(raven, seed)
     sets = s.training_sets(arm, (training,))[training]
@@ -107,11 +107,9 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
 
     hour = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
     paper = {
-        f"paper: {method}, hour 0 to 5": [
-            " to ".join(pair)
-            for pair in zip(prints(f"{hour}0", method), prints(f"{hour}5", method), strict=True)
-        ]
+        f"paper: {method}, hour 0 to 5": [*map("{} to {}".format, *ends)]
         for method in s.TWO
+        for ends in [[prints(f"{hour}{n}", method) for n in (0, 5)]]
     }
     paper |= {
         f"paper: {condition}, {method}": prints(condition, method)
@@ -187,7 +185,7 @@ def timing_parts(settings: Settings) -> Sequence[Part]:
     ]
 
 
-def measure(raven: s.Plain, models: Sequence[str], seed: int, training: str, samples: int) -> Rows:
+def measure(raven: Plain, models: Sequence[str], seed: int, training: str, samples: int) -> Rows:
     """Time fits, and the control loop's corrections sample by sample [s]."""
     arm, _ = s.homed(raven, seed)
     sets = s.training_sets(arm, (training,))[training]
@@ -220,10 +218,8 @@ def timing_summary(results: Results) -> Summary:
     times = rows.groupby("method", sort=False).median(numeric_only=True)
 
     def printed(row: str, metric: str, form: str, scale: float = 1.0) -> list[str]:
-        found = [
-            reported("peng2024", "V", row, method, "all").get(metric) for method in times.index
-        ]
-        return ["" if value is None else form.format(scale * value) for value in found]
+        there = [reported("peng2024", "V", row, name, "all").get(metric) for name in times.index]
+        return ["" if value is None else form.format(scale * value) for value in there]
 
     table = DataFrame(
         {

@@ -15,10 +15,8 @@ from truejoint.evaluation.scoring import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
-from truejoint.studies.study import Part, PartResult, Rows, Settings
+from truejoint.studies.study import Part, PartResult, Plain, Rows, Settings
 
-Plain = Mapping[str, Mapping[str, Any]]
-"""A specimen as plain values, which `Part.arguments` can hold."""
 Models = Mapping[str, Sequence[Calibration]]
 """Fitted models by method."""
 
@@ -46,10 +44,6 @@ TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does for hours; the last with a mass on its tool."""
-UNLOADED_ALONE: Final[Mapping[str, float]] = {UNLOADED: 0.0}
-NOTHING: Final[Mapping[str, Any]] = {}
-ONE_CASE: Final[Mapping[str, Mapping[str, Any]]] = {"": NOTHING}
-"""Of a study that does one thing a session."""
 
 
 def specimens(names: Sequence[str]) -> dict[str, Plain]:
@@ -70,8 +64,8 @@ def part_for_each(
     compute: Callable[..., Rows | PartResult],
     offset: int,
     *names: str,
-    more: Mapping[str, Any] = NOTHING,
-    cases: Mapping[str, Mapping[str, Any]] = ONE_CASE,
+    more: Mapping[str, Any] | None = None,
+    cases: Mapping[str, Mapping[str, Any]] | None = None,
     chosen: Sequence[str] | None = None,
 ) -> list[Part]:
     """Part of every specimen, session and case, labelled by these.
@@ -80,7 +74,7 @@ def part_for_each(
     and what the case adds. `offset` keeps the arms' seeds from those of other studies;
     which cases are `chosen` changes no seed.
     """
-    common = {name: settings[name] for name in names} | dict(more)
+    common, cases = {n: settings[n] for n in names} | dict(more or {}), cases or {"": {}}
     for text in common.get("sets", ()):
         combination(text)
     first = offset + STUDY_SEED * settings.seed
@@ -173,12 +167,11 @@ def fitted(
 
     `how` is as `calibrate` takes it.
     """
-    if not networks:
-        baselines = model_of(training, "linear", **how).baselines
-        return {name: [model] for name, model in baselines.items()}
     seeds = range(seed, seed + networks)
     models = [model_of(training, "dnn", random_state=each, **how) for each in seeds]
-    return {"dnn": models} | {name: [model] for name, model in models[0].baselines.items()}
+    first = models[0] if models else model_of(training, "linear", **how)
+    baselines = {name: [model] for name, model in first.baselines.items()}
+    return {"dnn": models, **baselines} if models else baselines
 
 
 def calibrate_once(
@@ -191,14 +184,14 @@ def calibrate_once(
     targets: Sequence[str] = ("error",),
     seconds: float = 0.0,
     hours: int = 0,
-    works: Mapping[str, float] = UNLOADED_ALONE,
+    works: Mapping[str, float] | None = None,
 ) -> PartResult:
     """Calibrate on each combination of zig-zags, and judge on all that follows.
 
     That is random motion of some `seconds`, or `hours` of kinds of work under a load [kg]; each of
-    `works` begins right after the calibration. Of these arrays hold the first minute, named
-    ``work/stream``: stamps (n,) [s], and joints (n, 3) as they are, as the robot measures them, and
-    corrected by models of the longest training.
+    `works`, unloaded alone by default, begins right after the calibration. Of these arrays hold the
+    first minute, named ``work/stream``: stamps (n,) [s], and joints (n, 3) as they are, as the
+    robot measures them, and corrected by models of the longest training.
     """
 
     def calibrated() -> tuple[Arm, Raven2Twin, dict[str, list[Recording]]]:
@@ -214,7 +207,7 @@ def calibrate_once(
     }
     longest = models[targets[0], max(lengths, key=lambda text: lengths[text])]
     test_seed, rows, arrays = TEST_SEED + seed, Rows(), dict[str, Array]()
-    for n, (work, load) in enumerate(works.items()):
+    for n, (work, load) in enumerate((works or {UNLOADED: 0.0}).items()):
         if n:
             arm, twin, _ = calibrated()
         twin.load = load

@@ -20,7 +20,7 @@ from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2 import tables
 from truejoint.studies.rows import notes_on, select
-from truejoint.studies.study import Part, Results, Rows, Settings, Summary, get_study
+from truejoint.studies.study import Part, Plain, Results, Rows, Settings, Summary, get_study
 
 FITTED_TO: Final = ("J1", "J2-J3")
 """Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
@@ -32,11 +32,9 @@ def directions_parts(settings: Settings) -> Sequence[Part]:
     settings.check_names("direction", "directions", _NAMES)
     # Every direction has an arm, a homing and a test of its own, as in the paper.
     more = {"sets": [settings["fine"]], "seconds": 60.0 * settings["minutes"]}
-    chosen = settings["directions"]
-    cases = {name: {"direction": name} for name in _NAMES}
-    return s.part_for_each(
-        settings, s.calibrate_once, 0, "networks", more=more, cases=cases, chosen=chosen
-    )
+    how: dict[str, Any] = {"more": more, "chosen": settings["directions"]}
+    how["cases"] = {name: {"direction": name} for name in _NAMES}
+    return s.part_for_each(settings, s.calibrate_once, 0, "networks", **how)
 
 
 def _printed(condition: str, joint: str, method: str) -> float | None:
@@ -54,18 +52,13 @@ def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary
         "J1, J2-J3": [direction for direction in chosen if direction in FITTED_TO],
         "the others": [direction for direction in chosen if direction not in FITTED_TO],
     }
+    fine, of = f"{name}, trained on {settings['fine']}", f"specimen {title}"
+    notes = (tables.ZIGZAGS, claims.RULE)
     made = (
-        tables.accuracy_table(
-            f"{name}, trained on {settings['fine']}", rows, s.METHODS, _printed,
-            (tables.ZIGZAGS, claims.RULE),
-        ),
-        tables.percent_table(
-            f"Share of the fixed offset's error, specimen {title}", rows, _printed
-        ),
-        tables.ratio_table(
-            f"RMSE over the paper's, specimen {title}", rows, of_groups, s.METHODS, _printed
-        ),
-    )  # fmt: skip
+        tables.accuracy_table(fine, rows, s.METHODS, _printed, notes),
+        tables.percent_table(f"Share of the fixed offset's error, {of}", rows, _printed),
+        tables.ratio_table(f"RMSE over the paper's, {of}", rows, of_groups, s.METHODS, _printed),
+    )
     caption = "RMSE on a random motion by direction of the zig-zags."
     drawn = select(rows, method=s.CORRECTED)
     figure = tables.joint_boxes(name, drawn, caption, "condition")
@@ -253,7 +246,7 @@ def features_parts(settings: Settings) -> Sequence[Part]:
 
 
 def fit_both(
-    raven: s.Plain, seed: int, sets: Sequence[str], models: Sequence[str], networks: int, hours: int
+    raven: Plain, seed: int, sets: Sequence[str], models: Sequence[str], networks: int, hours: int
 ) -> Rows:
     """Fit with the selected and with all features, and judge hours of unloaded work."""
     arm, twin = s.homed(raven, seed)

@@ -308,10 +308,8 @@ def _loads(rows: DataFrame) -> Table:
     sizes = rows.groupby(keys, sort=False)["size"].median().mul(1e3).map("{:.1f}".format)
     table = DataFrame(index=unique(rows, "name"))
     for n, load in enumerate(LOADS):
-        table[load], table["of " + load] = (
-            errors[LOADED, load],
-            sizes.unstack(keys[1:])[LOADED, load],
-        )
+        table[load] = errors[LOADED, load]
+        table["of " + load] = sizes.unstack(keys[1:])[LOADED, load]
         table["in 90 %" + " " * n] = shares[LOADED, load]
     table["grip when free"] = errors[FREE, "grip"]
     notes = notes_on("wrist_loads")
