@@ -22,7 +22,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,14 +79,9 @@ class Mutant:
     line: int
     before: str
     after: str
-    outcome: str = ""  # "killed", "survived" or "hung"
-    by: str = ""  # the test that failed
-    seconds: float = 0.0
-
-    @property
-    def key(self) -> tuple[str, int, str, str]:
-        """What tells it from another."""
-        return self.file, self.line, self.before, self.after
+    outcome: str = field(default="", compare=False)  # "killed", "survived" or "hung"
+    by: str = field(default="", compare=False)  # the test that failed
+    seconds: float = field(default=0.0, compare=False)
 
 
 def changes(tree: ast.AST) -> Iterator[tuple[Any, ast.AST]]:
@@ -183,12 +178,9 @@ def judge(mutant: Mutant, text: str, folder: Path) -> Mutant:
     said = (folder / "said").read_text(errors="replace")
     failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
     outcome = "survived" if code == 0 else "hung" if os.WIFSIGNALED(code) else "killed"
-    fields = asdict(mutant) | {
-        "outcome": outcome,
-        "by": failed[0].split(" - ")[0] if failed else said[-200:] if code else "",
-        "seconds": sum(after[2:4]) - sum(before[2:4]),
-    }
-    return Mutant(**fields)
+    by = failed[0].split(" - ")[0] if failed else said[-200:] if code else ""
+    seconds = sum(after[2:4]) - sum(before[2:4])
+    return replace(mutant, outcome=outcome, by=by, seconds=seconds)
 
 
 def _run_tests(folder: Path, tests: Sequence[str]) -> None:
@@ -213,7 +205,7 @@ def main() -> None:
     )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     lines = options.out.read_text().splitlines() if options.out.exists() else []
-    known = {mutant.key: mutant for mutant in (Mutant(**json.loads(line)) for line in lines)}
+    known = {mutant: mutant for mutant in (Mutant(**json.loads(line)) for line in lines)}
     every = all_mutants(options.of)
     chosen = np.random.default_rng(options.seed).permutation(len(every))[: options.mutants]
     for name in PRELOADED:  # not truejoint: each mutant imports its own
@@ -227,12 +219,12 @@ def main() -> None:
         shutil.copy(ROOT / "pyproject.toml", folder)
         for index in chosen:
             mutant, text = every[index]
-            if mutant.key not in known and time.monotonic() < ends:
-                known[mutant.key] = judge(mutant, text, folder)
+            if mutant not in known and time.monotonic() < ends:
+                known[mutant] = judge(mutant, text, folder)
                 with options.out.open("a") as file:
-                    file.write(json.dumps(asdict(known[mutant.key])) + "\n")
-            if mutant.key in known:
-                judged.append(known[mutant.key])
+                    file.write(json.dumps(asdict(known[mutant])) + "\n")
+            if mutant in known:
+                judged.append(known[mutant])
     outcomes = Counter(mutant.outcome for mutant in judged)
     alive = outcomes["survived"]
     print(f"{len(judged)} of {len(every)} possible mutants, seed {options.seed}: "
