@@ -48,7 +48,7 @@ _FILES: Final = shipped_table(__package__, "templates/files.toml")
 _INPUTS: Final = ("t", "sample", "is_homed", "told_id", "offset")
 _COMPENSATOR_INPUTS: Final = ("status", "wanted", "measured", "correction", "setpoint", "gain")
 _OF_PYTHON: Final = Status.WRONG_SIZE | Status.OTHER_THREAD
-_MEANINGS: Final = {bit: bit.words for bit in Status if bit not in _OF_PYTHON}
+_STATUSES: Final = [bit for bit in Status if bit not in _OF_PYTHON]
 """Statuses but for what only a sample or a thread of Python can be."""
 
 
@@ -158,13 +158,12 @@ def source_files(
         "program": program, "is_filter": f"{guard}_FILTER_" in program.functions,
         "in_doubt": _FILES["in_doubt"][int(memory.numbers[memory.layout.fields["on_fault"].index])],
         "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
-        "prefix": prefix, "guard": guard,
         "level": calibration.usual_level if level is None else level,
-        "title": calibration.title, "estimator": calibration.estimator,
+        "estimator": calibration.estimator,
         "rows": _vector_rows(vectors, answers, precision), "n_vectors": len(vectors),
         "vector_offset": offset,
     }  # fmt: skip
-    context |= _calibration_context(calibration) | _precision_context(
+    context |= _calibration_context(calibration, prefix) | _precision_context(
         precision, calibration.joints, error,
         np.abs([limits.correction_lower, limits.correction_upper]).max(axis=0),
     )  # fmt: skip
@@ -249,7 +248,7 @@ def _precision_context(
     return {"tolerance": tolerance, "precision_notes": notes}
 
 
-def _calibration_context(data: Calibration) -> dict[str, Any]:
+def _calibration_context(data: Calibration, prefix: str) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
     stated_by = ""
     if data.interval is not None:
@@ -257,6 +256,9 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
     elif data.family.states_deviation(data.fitted.params):
         stated_by = "as the model itself reckons"
     return {
+        "prefix": prefix,
+        "guard": prefix.upper(),
+        "title": data.title,
         "stated_by": stated_by,
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
@@ -265,8 +267,8 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
         "homing_ids": list(data.origin.homing_ids),
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
-        "statuses": _bits(_MEANINGS),
-        "filter_statuses": _bits({bit: bit.words for bit in FilterStatus if bit}),
+        "statuses": _bits(_STATUSES),
+        "filter_statuses": _bits(FilterStatus),
         "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),
@@ -274,10 +276,10 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
     }
 
 
-def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
+def _bits(bits: Iterable[Any]) -> list[dict[str, Any]]:
     """Members of an enumeration with what they mean, after that which has none of them set."""
-    bits = [{"name": bit.name, "value": int(bit), "meaning": m} for bit, m in meanings.items()]
-    return [{"name": "OK", "value": 0, "meaning": "all is well"}, *bits]
+    named = [{"name": bit.name, "value": int(bit), "meaning": bit.words} for bit in bits]
+    return [{"name": "OK", "value": 0, "meaning": "all is well"}, *named]
 
 
 def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, str]]:
@@ -338,7 +340,7 @@ def _environment(precision: Precision) -> jinja2.Environment:
         autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
     )
     environment.globals["real"], environment.globals["single"] = precision, precision == "float"
-    environment.globals["unlearnt"] = _bits({bit: bit.words for bit in Unlearnt})[1:]
+    environment.globals["unlearnt"] = _bits(Unlearnt)[1:]
     environment.filters["table"] = partial(table, precision=precision)
     environment.filters["exact_table"] = partial(table, precision="double")
     environment.filters["comment"] = comment
@@ -412,16 +414,11 @@ def export_ros(
             "others (--feature), or use --to c"
         )
     reads = {value.partition("[")[0] for value in values}
-    context = {
-        "version": version("truejoint"),
-        "title": calibration.title,
-        "prefix": prefix,
-        "guard": prefix.upper(),
+    context = _calibration_context(calibration, prefix) | {
         "inputs": [{"name": n, "value": v} for n, v in zip(signals, values, strict=True)],
         "joint_names": robot.joint_names,
         "corrected": robot.index(list(calibration.joints)),
         "corrected_names": calibration.joints,
-        "statuses": _bits(_MEANINGS),
         # Takes efforts on the joints to those at the motors.
         "motor_effort": None
         if robot.transmission is None or "motor" not in reads
