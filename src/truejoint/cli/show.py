@@ -87,7 +87,7 @@ def estimators(name: str | None = None) -> Result:
     """
     from truejoint.estimators.registry import PRESETS, Preset, estimator_names
 
-    foreign = Preset("", "", "of an installed package", "any features")
+    foreign = Preset("", "of an installed package")
     presets = {title: PRESETS.get(title, foreign) for title in estimator_names()}
     facts = {
         title: {"what": each.what, "sees": each.sees, "auto": "yes" if each.is_tried else "no"}

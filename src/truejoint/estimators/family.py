@@ -161,13 +161,13 @@ def only_joint(name: str, shapes: Mapping[str, Shape], n_outputs: int) -> dict[s
 def find_family(name: str) -> Family:
     """Family by the name that stands in model files; raises CalibrationError if there is none.
 
-    It stands where its presets say, or in another package's entry point in the group
-    ``truejoint.models``.
+    It stands in the folder that its name begins with, or in another package's entry point in the
+    group ``truejoint.models``.
     """
     if name in FAMILIES:
-        module, _, family = FAMILIES[name].partition(":")
-        found = getattr(import_module(f"{__package__}.{module}"), family.upper() or "FAMILY")
-        return cast("Family", found)
+        folder, _, further = name.partition(".")
+        module = import_module(f"{__package__}.{folder}.run")
+        return cast("Family", getattr(module, further.upper() or "FAMILY"))
     points = plugins("truejoint.models")
     if name in points:
         return cast("Family", load_plugin(points[name], Family))

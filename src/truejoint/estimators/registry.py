@@ -32,17 +32,12 @@ class Preset(NamedTuple):
     """A class with parameters, and whether an automatic choice tries it, as `presets.toml` says."""
 
     learns: str
-    runs: str
     what: str
-    sees: str
+    sees: str = "any features"
+    family: str = ""  # name of what runs it
     params: Mapping[str, Any] = {}
     is_tried: bool = False
     title: Sequence[str] = ()
-
-    @property
-    def family(self) -> str:
-        """Name of what runs it."""
-        return self.runs.replace(".run", "").replace(":", ".")
 
     @property
     def kind(self) -> Any:
@@ -51,13 +46,15 @@ class Preset(NamedTuple):
         return getattr(import_module(f"{__package__}.{module}"), name)
 
 
-_ROWS: Final = shipped_table(__package__, "presets.toml")
-PRESETS: Final = {name: Preset(**row) for name, row in _ROWS.items()}
+PRESETS: Final = {
+    name: Preset(**{"family": row["learns"].partition(".")[0], **row})
+    for name, row in shipped_table(__package__, "presets.toml").items()
+}
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
-FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {"trees": "trees.run"}
-"""Where each family is, by its name; trees are part of other estimators."""
+FAMILIES: Final = {preset.family for preset in PRESETS.values()} | {"trees"}
+"""Names of the families, each its folder and, of a further one, what it is; trees are parts."""
 
 TITLES: Final = {name: preset.title for name, preset in PRESETS.items() if preset.title}
 """What a person calls some of them, alone and within a sentence; others go by their names."""
