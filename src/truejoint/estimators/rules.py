@@ -36,6 +36,13 @@ def is_integer(value: object, low: int, high: int) -> bool:
     return isinstance(value, (int, np.integer)) and is_number(value, low, high)
 
 
+def is_list(value: object, least: int, most: int, holds: Callable[[Any], bool]) -> bool:
+    """Whether `value` is a tuple or list of `least` to `most` items, for each of which it holds."""
+    return (
+        isinstance(value, (tuple, list)) and least <= len(value) <= most and all(map(holds, value))
+    )
+
+
 def number(low: float, high: float) -> Rule:
     """Rule of a number from `low` to `high`."""
     return Rule(lambda value: is_number(value, low, high), f"a number from {low:g} to {high:g}")
@@ -56,12 +63,10 @@ def one_of(*choices: object) -> Rule:
 
 def numbers(most: int, low: float, high: float, what: str, *, least: int = 1) -> Rule:
     """Rule of `least` to `most` numbers from `low` to `high`."""
-
-    def holds(value: object) -> bool:
-        good = isinstance(value, (tuple, list)) and least <= len(value) <= most
-        return good and all(is_number(v, low, high) for v in value)  # type: ignore[attr-defined]
-
-    return Rule(holds, f"{least} to {most} {what} from {low:g} to {high:g}")
+    return Rule(
+        lambda value: is_list(value, least, most, number(low, high).holds),
+        f"{least} to {most} {what} from {low:g} to {high:g}",
+    )
 
 
 POSITIVE: Final = number(1.0 / LARGEST, LARGEST)

@@ -18,7 +18,7 @@ from truejoint.estimators import filtered as at
 from truejoint.estimators.cables import loops
 from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
 from truejoint.estimators.family import Family, Shape
-from truejoint.estimators.rules import Params, Rule
+from truejoint.estimators.rules import Params, Rule, is_list
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Memory, part_memory, part_numbers
@@ -233,11 +233,7 @@ FAMILY: Final = Family(
     "cables",
     rules={
         "channels": Rule(
-            lambda value: (
-                isinstance(value, (tuple, list))
-                and len(value) == N
-                and all(isinstance(name, str) and name for name in value)
-            ),
+            lambda value: is_list(value, N, N, lambda name: isinstance(name, str) and name != ""),
             f"the names of {N} motors",
         )
     },

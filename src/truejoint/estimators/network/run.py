@@ -18,7 +18,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, fill, matrix, unrolled, vector
 from truejoint.estimators.family import Family, Shape
-from truejoint.estimators.rules import RANDOM_STATE, Params, Rule, integer, is_integer, number
+from truejoint.estimators.rules import RANDOM_STATE, Params, Rule, integer, is_list, number
 from truejoint.layout import Layout, Memory
 from truejoint.products import add_product, layer, padded, rescale, standardise
 
@@ -26,14 +26,18 @@ MAX_LAYERS: Final = 8
 MAX_UNITS: Final = 2048
 MAX_TCN_LAYERS: Final = 12
 
-TRAINING: Final[Mapping[str, Rule]] = {
-    "period": number(1e-6, 1e3),
+DESCENT: Final[Mapping[str, Rule]] = {
     "weight_decay": number(0.0, 1e3),
     "learning_rate": number(1e-9, 10.0),
-    "window": integer(2, 10**5),
-    "batch_size": integer(1, 10**5),
     "epochs": integer(1, 10**6),
     "random_state": RANDOM_STATE,
+}
+"""Rules of what every network is trained by."""
+TRAINING: Final[Mapping[str, Rule]] = {
+    **DESCENT,
+    "period": number(1e-6, 1e3),
+    "window": integer(2, 10**5),
+    "batch_size": integer(1, 10**5),
 }
 """Rules of what every network that remembers is trained by."""
 
@@ -109,18 +113,11 @@ FAMILY: Final = Family(
     "network",
     rules={
         "hidden_layer_sizes": Rule(
-            lambda sizes: (
-                isinstance(sizes, (tuple, list))
-                and 1 <= len(sizes) <= MAX_LAYERS
-                and all(is_integer(size, 1, MAX_UNITS) for size in sizes)
-            ),
+            lambda sizes: is_list(sizes, 1, MAX_LAYERS, integer(1, MAX_UNITS).holds),
             f"1 to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units",
         ),
-        "weight_decay": number(0.0, 1e3),
-        "learning_rate": number(1e-9, 10.0),
+        **DESCENT,
         "batch_size": integer(1, 10**6),
-        "epochs": integer(1, 10**6),
-        "random_state": RANDOM_STATE,
     },
     shapes=_shapes,
     pack=_pack,

@@ -11,9 +11,9 @@ joint it is a play. What is eccentric, as a capstan may be, errs once in each of
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Family, Shape, call_row, find_family, only_joint
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
-from truejoint.estimators.rules import LARGEST, Params, Rule, is_integer, is_number, numbers, one_of
+from truejoint.estimators.rules import LARGEST, Params, Rule, integer, is_list, numbers, one_of
 from truejoint.estimators.stack.run import ONE_MEMBER, member_shapes, members
 from truejoint.features.feature_set import MAX_TIME_CONSTANT, lowpass, play
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
@@ -249,16 +249,7 @@ def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs
     )
 
 
-def _rows(value: object, most: int, holds: Callable[[Any], bool]) -> bool:
-    """Whether `value` is at most so many rows of one length, of which each number holds."""
-    return (
-        isinstance(value, (tuple, list))
-        and len(value) <= most
-        and all(isinstance(row, (tuple, list)) and len(row) == len(value[0]) for row in value)
-        and all(holds(number) for row in value for number in row)
-    )
-
-
+_TURN: Final = numbers(10**6, -LARGEST, LARGEST, "factors", least=0)
 FAMILY: Final = Family(
     "plays",
     rules={
@@ -268,14 +259,15 @@ FAMILY: Final = Family(
         "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]", least=0),
         "coupled": Rule(
             lambda value: (
-                _rows([value], 1, lambda place: is_integer(place, 0, 10**6))
-                and len(value) <= MAX_COUPLED
+                is_list(value, 0, MAX_COUPLED, integer(0, 10**6).holds)
                 and len(value) == len(set(value)) != 1
             ),
             f"2 to {MAX_COUPLED} measured positions by their places, or none: one alone has none",
         ),
         "turns": Rule(
-            lambda value: _rows(value, MAX_TURNING, lambda n: is_number(n, -LARGEST, LARGEST)),
+            lambda value: (
+                is_list(value, 0, MAX_TURNING, _TURN.holds) and len({*map(len, value)}) <= 1
+            ),
             f"rows of up to {MAX_TURNING} capstans: angle by each feature [rad over its unit]",
         ),
         "members": ONE_MEMBER,
@@ -314,8 +306,7 @@ JAW_BANK: Final = replace(
     rules={
         "signals": Rule(
             lambda value: (
-                isinstance(value, (tuple, list))
-                and 1 <= len(value) <= 2
+                is_list(value, 1, 2, JAW_SIGNALS.__contains__)
                 and list(value) == [signal for signal in JAW_SIGNALS if signal in value]
             ),
             f"one or two of {', '.join(JAW_SIGNALS)}, in this order",

@@ -23,7 +23,7 @@ from truejoint.estimators.family import (
     call_row,
     find_family,
 )
-from truejoint.estimators.rules import Params, Rule, is_integer
+from truejoint.estimators.rules import Params, Rule, integer, is_integer, is_list
 from truejoint.layout import PART_SIZE, Layout, Memory, part_memory, part_numbers
 
 MAX_MEMBERS: Final = 10
@@ -71,11 +71,7 @@ def stack_row(
 
 def are_members(value: object, depth: int = DEPTH) -> bool:
     """Whether `value` is a sequence of (family, its parameters, outputs), sums not too deep."""
-    return (
-        isinstance(value, (tuple, list))
-        and 1 <= len(value) <= MAX_MEMBERS
-        and all(_is_member(member, depth) for member in value)
-    )
+    return is_list(value, 1, MAX_MEMBERS, lambda member: _is_member(member, depth))
 
 
 def _is_member(value: object, depth: int) -> bool:
@@ -96,14 +92,10 @@ ONE_MEMBER: Final = Rule(
 )
 
 
-def _are_places(value: object) -> bool:
-    """Whether `value` is a sequence of different places of features for each member."""
-    return isinstance(value, (tuple, list)) and all(
-        isinstance(places, (tuple, list))
-        and all(is_integer(place, 0, MAX_COLUMNS - 1) for place in places)
-        and 0 < len(places) == len(set(places))
-        for places in value
-    )
+def _are_different(places: Any) -> bool:
+    """Whether `places` is a sequence of different places of features."""
+    good = is_list(places, 1, MAX_COLUMNS, integer(0, MAX_COLUMNS - 1).holds)
+    return good and len(places) == len(set(places))
 
 
 def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[EstimatorData, list[int]]]:
@@ -218,7 +210,8 @@ FAMILY: Final = Family(
             are_members, f"1 to {MAX_MEMBERS} members: family, its parameters and outputs"
         ),
         "columns": Rule(
-            _are_places, f"for each member, 1 to {MAX_COLUMNS} different places of features"
+            lambda value: is_list(value, 0, MAX_COLUMNS, _are_different),
+            f"for each member, 1 to {MAX_COLUMNS} different places of features",
         ),
     },
     shapes=_shapes,
