@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.family import EstimatorData, Family
 from truejoint.estimators.filtered import FilterRun, run_filter
 from truejoint.estimators.jaw import run as jaw_filter
@@ -74,20 +74,17 @@ class JawEstimator(JointRegressor):
         return self.with_params(**usual)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        has_truth = self._known(y)
-        rows = np.flatnonzero(has_truth)
+        rows = np.flatnonzero(self._known(y))
         apart = np.diff(rows, prepend=rows[0])  # far where a part of the truth is hidden
         history = np.cumsum(dt == 0.0)[rows] + np.cumsum(apart > _APART * np.median(apart))
         self._check_motion(X[rows], y[rows, 0], history)
-        arrays = self._learn_jaw(X, y[:, 0], dt, has_truth, progress)
+        arrays = self._learn_jaw(X, y[:, 0], dt, progress)
         progress(1.0)
         return arrays
 
     @abstractmethod
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
-    ) -> Arrays:
-        """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `has_truth` (n,)."""
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where they are not known."""
 
     def _check_motion(self, X: Array, y: Array, history: Integers) -> None:
         inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
@@ -244,9 +241,8 @@ class JawFilter(MechanismEstimator):
         params = {**self.model_params(), "compensated": False}
         return run_filter(EstimatorData(self.family.name, params, {"constant": np.zeros(1)}), X, dt)
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
-    ) -> Arrays:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        has_truth = np.isfinite(y)
         error = self.states(X, dt).x[has_truth, 0] - y[has_truth]
         progress(0.3)
         if self.compensated:
@@ -277,14 +273,10 @@ class CableLeastSquares(JawEstimator):
     intercept: bool = False
     compensated: bool = False
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
-    ) -> Arrays:
-        drive, reset = X[:, -2], X[:, -1]
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        has_truth, (drive, reset) = np.isfinite(y), np.ascontiguousarray(X[:, -2:].T)
         observed = np.empty((len(X), jaw_filter.OBSERVED))
-        jaw_filter.observe_rows(
-            dt, np.ascontiguousarray(drive), np.ascontiguousarray(reset), observed
-        )
+        jaw_filter.observe_rows(dt, drive, reset, observed)
         rows = observed[has_truth]
         columns = np.column_stack([rows, np.ones(len(rows))]) if self.intercept else rows
         # Columns from 1e-3 m to 10 m/s2 are brought to one length.

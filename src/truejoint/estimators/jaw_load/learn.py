@@ -7,7 +7,7 @@ from typing import ClassVar, Final, Self
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.base import Arrays, Progress
 from truejoint.estimators.family import Family, evaluate
 from truejoint.estimators.filtered import Estimate, run_filter
 from truejoint.estimators.jaw.learn import JawEstimator, MechanismEstimator, usual_dt
@@ -141,10 +141,9 @@ class FrictionFilter(MechanismEstimator):
         load, load_deviation = run.beside[:, :, 0].T
         return Estimate(run.outputs[:, 0], run.deviations[:, 0], load, load_deviation, run.x)
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
-    ) -> Arrays:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         drive, scale = self._drive(X), float(1.0 / np.abs(X[:, 1]).max())
+        has_truth = np.isfinite(y)
         columns = self._columns(X, dt, scale)
         fits, misfit = [], []
         for side in (y, drive):
@@ -205,14 +204,12 @@ class GatedPlays(JawEstimator):
     smallest_gate: float = 1.75e-3
     plays: tuple[float, ...] = plays.JAW_WIDTHS
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
-    ) -> Arrays:
-        widths, estimates = tuple(self.plays), {}
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        widths, has_truth, estimates = tuple(self.plays), np.isfinite(y), {}
         arrays: Arrays = {}
         for side, k in friction_filter.SIDES.items():
             rows = np.ascontiguousarray(X[:, -k:])
-            learnt = fit_jaw_bank(widths, JAW_PENALTY, rows, y, dt, has_truth)
+            learnt = fit_jaw_bank(widths, JAW_PENALTY, rows, y, dt)
             memory = plays.pack(plays.jaw_bank(widths, k), learnt, k, 1)
             estimates[side] = evaluate(plays.FAMILY, memory, rows, dt, 1)[has_truth, 0]
             arrays |= {f"{side}/{name}": array for name, array in learnt.items()}

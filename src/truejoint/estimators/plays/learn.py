@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry, rules
-from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, constant_columns
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, constant_columns
 from truejoint.estimators.family import Family
 from truejoint.estimators.gp.learn import GaussianProcess
 from truejoint.estimators.jaw.learn import JawEstimator
@@ -228,10 +228,8 @@ class Plays(JointRegressor):
         products = interaction_factors(*3 * [len(places)])[len(places) :]
         explained = np.hstack([inputs, polynomial_design(positions, products)])[has_target]
         targets = y[used][has_target]
-        coupling, reaches = identify_coupling(
-            positions, fresh[used], has_target, explained, targets
-        )
-        return {"coupling": coupling, "reaches": reaches}
+        found = identify_coupling(positions, fresh[used], has_target, explained, targets)
+        return dict(zip(("coupling", "reaches"), found, strict=True))
 
     def _products(self, n_features: int, n_seen: int) -> tuple[int, int]:
         """By how many of what is seen, the first ones, how many are multiplied.
@@ -374,20 +372,19 @@ class JawPlays(JawEstimator):
     plays: tuple[float, ...] = play_bank.JAW_WIDTHS
     penalty: float = JAW_PENALTY
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
-    ) -> Arrays:
-        return fit_jaw_bank(tuple(self.plays), self.penalty, X, y, dt, has_truth)
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        return fit_jaw_bank(tuple(self.plays), self.penalty, X, y, dt)
 
 
 def fit_jaw_bank(
-    widths: tuple[float, ...], penalty: float, X: Array, y: Array, dt: Array, has_truth: Flags
+    widths: tuple[float, ...], penalty: float, X: Array, y: Array, dt: Array
 ) -> Arrays:
-    """Fit `jaw_bank` to the rows `X` (n, k), `y` (n,) that have a truth; `dt` (n,) is of all.
+    """Fit `jaw_bank` to the rows `X` (n, k) whose `y` (n,) is known; `dt` (n,) is of all.
 
     The penalty is fixed: on a motion of one amplitude, cross-validation would choose one that is
     too small for any other.
     """
+    has_truth = np.isfinite(y)
     params, arrays = play_bank.jaw_bank(widths, X.shape[1]), feature_scales(X[has_truth])
     inputs = play_bank.expand_rows(params, arrays, X, dt, has_truth)
     ((_, terms, _),) = params["members"]
