@@ -9,6 +9,7 @@ work on the memory of a layout that begins as `filter_layout`.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import nan
 from typing import Any, Final, NamedTuple
@@ -116,6 +117,12 @@ def filter_row(
     _tell(numbers, memory, dt, x, out, half_width)
     if memory[STARTED] == 0.0:
         fill(out, out.shape[0], nan)
+
+
+filter_family: Final = partial(
+    Family, row=filter_row, remembers=True, targets=("position",), states_deviation=lambda _: True
+)
+"""Family of an estimator with a filter, of what else it has."""
 
 
 @compiled

@@ -17,7 +17,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import filtered as at
 from truejoint.estimators.cables import loops
 from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
-from truejoint.estimators.family import Family, Shape
+from truejoint.estimators.family import Shape
 from truejoint.estimators.rules import Params, Rule, is_list
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
@@ -229,7 +229,7 @@ def sight(
         memory[numbers[GRIP + j]] = 0.0
 
 
-FAMILY: Final = Family(
+FAMILY: Final = at.filter_family(
     "cables",
     rules={
         "channels": Rule(
@@ -239,13 +239,9 @@ FAMILY: Final = Family(
     },
     shapes=_shapes,
     pack=pack,
-    row=at.filter_row,
-    remembers=True,
     inputs=lambda params: tuple(
         f"{kind}/{name}" for kind in ("motor", "effort") for name in params["channels"]
     ),
-    targets=("position",),
-    states_deviation=lambda _params: True,
     beside=lambda _params: dict.fromkeys(LOADS, ()),
     bears_load=lambda _params: True,
 )

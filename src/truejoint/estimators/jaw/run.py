@@ -11,7 +11,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.estimators.family import Family, Shape, only_joint
-from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
+from truejoint.estimators.filtered import FILTER, filter_family, filter_layout, pack_filter
 from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
     DRIVE,
@@ -237,7 +237,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
     )
 
 
-FAMILY: Final = Family(
+FAMILY: Final = filter_family(
     "jaw",
     rules={
         **dict.fromkeys(("drive_stiffness", "reset_stiffness"), POSITIVE),
@@ -249,12 +249,9 @@ FAMILY: Final = Family(
     },
     shapes=_shapes,
     pack=_pack,
-    row=filter_row,
-    remembers=True,
     # The gain depends on the step, and what is left to compensate depends on the gain.
     counts_samples=True,
     inputs=lambda _params: (MOTOR, RESET),
-    targets=("position",),
     # What is left by a constant alone is friction that always pulls the same way, which no
     # covariance tells; that of the bare filter is more than enough for what (25) leaves.
     states_deviation=lambda params: bool(params["compensated"]),
@@ -314,10 +311,9 @@ def observe_rows(dt: Array, drive: Array, reset: Array, out: Array) -> None:
 
 
 def _least_squares_shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
-    shapes: dict[str, Shape] = {"coef": (OBSERVED,), "constant": (1,)}
-    if params["compensated"]:
-        shapes |= ERROR_SHAPES
-    return only_joint("jaw.least_squares", shapes, n_outputs)
+    error_model = ERROR_SHAPES if params["compensated"] else {}
+    learnt = {"coef": (OBSERVED,), "constant": (1,), **error_model}
+    return only_joint("jaw.least_squares", learnt, n_outputs)
 
 
 LEAST_SQUARES: Final = Family(

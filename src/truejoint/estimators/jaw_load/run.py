@@ -248,9 +248,7 @@ def tell(
 def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     """Shapes of the learnt arrays."""
     count = 1 + DEGREE + len(params["widths"])
-    learnt: dict[str, Shape] = {
-        "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "dt": (1,)
-    }  # fmt: skip
+    learnt = {"angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "dt": (1,)}
     return only_joint("jaw_load", learnt, n_outputs)
 
 
@@ -273,7 +271,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
     )
 
 
-FAMILY: Final = Family(
+FAMILY: Final = at.filter_family(
     "jaw_load",
     rules={
         **dict.fromkeys(("stretch_drift", "friction_drift", "error_time"), POSITIVE),
@@ -285,11 +283,7 @@ FAMILY: Final = Family(
     },
     shapes=shapes,
     pack=_pack,
-    row=at.filter_row,
-    remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
-    targets=("position",),
-    states_deviation=lambda _params: True,
     beside=lambda _params: {"load": ()},
     bears_load=lambda _params: True,
 )

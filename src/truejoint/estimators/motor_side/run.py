@@ -16,7 +16,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators import filtered as at
-from truejoint.estimators.family import Family, Shape, only_joint
+from truejoint.estimators.family import Shape, only_joint
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.run import expand
 from truejoint.estimators.rules import Params, integer, number, one_of
@@ -288,7 +288,7 @@ def n_told(params: Params) -> int:
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     elements = int(params["elements"])
     n_terms = count_terms(elements)
-    learnt: dict[str, Shape] = {
+    learnt = {
         "scales": (len(SCALES),),
         "noise": (len(NOISE),),
         "widths": (elements,),
@@ -319,7 +319,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
     )
 
 
-FAMILY: Final = Family(
+FAMILY: Final = at.filter_family(
     "motor_side",
     rules={
         "elements": integer(1, 12),
@@ -329,12 +329,8 @@ FAMILY: Final = Family(
     },
     shapes=_shapes,
     pack=pack,
-    row=at.filter_row,
-    remembers=True,
     inputs=lambda _params: (DRIVER, TORQUE),
-    targets=("position",),
-    states_deviation=lambda _params: True,
-    beside=lambda params: {BESIDE_NAME: ()} if params["tells_torque"] else {},
+    beside=lambda params: {"torque": ()} if params["tells_torque"] else {},
 )
 
 
