@@ -219,8 +219,9 @@ def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array)
     rows = [np.isin(place, part) for part in parts] if len(parts) > 1 else blocks(dt)
     table = np.column_stack([columns, y])
     products = np.array([table[some].T @ table[some] for some in rows])
-    bent = model.bent_terms((columns.shape[1] - 2 - model.POLYNOMIAL) // model.PER_ELEMENT)[1:]
-    weights = [np.where(bent, share, 1.0) for share in _BENDS]
+    elements = (columns.shape[1] - 2 - model.POLYNOMIAL) // model.PER_ELEMENT
+    bent = [load > 1 for _, load in (*model.CUBIC, *model.QUADRATIC * elements)][1:]
+    weights = [np.where([*bent, False, False], share, 1.0) for share in _BENDS]
     return np.ascontiguousarray(cross_validated(products, weights).coefficients.T)
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators import filtered as at
@@ -28,18 +28,14 @@ DRIVER: Final = "driver/jaw"
 TORQUE: Final = "effort/jaw"
 JAW_TORQUE: Final = "truth_effort/jaw"
 """What the torque beside the angle is learnt of."""
-BESIDE_NAME: Final = "torque"
 
-POLYNOMIAL: Final = 10
-"""Terms of a cubic in driver angle and load."""
-PER_ELEMENT: Final = 6
-"""Terms of a quadratic in both, by which each friction element is weighed."""
-LOAD_TERMS: Final = (0, 4, 5, 6)
-"""Terms of the load alone: 1, B, B^2, B^3."""
-BENT_TERMS: Final = (5, 6, 8)
-"""Terms that bend with the load, of the cubic: B^2, B^3, d B^2."""
-BENT_OF_ELEMENT: Final = 4
-"""The one of each friction element: z B^2."""
+CUBIC: Final = (0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (2, 1)
+"""Powers of driver angle and load in each term of a cubic in both."""
+QUADRATIC: Final = (0, 0), (1, 0), (2, 0), (0, 1), (0, 2), (1, 1)
+"""The same of a quadratic, by which each friction element is weighed."""
+POLYNOMIAL, PER_ELEMENT = len(CUBIC), len(QUADRATIC)
+LOAD_TERMS: Final = [place for place, (angle, _) in enumerate(CUBIC) if angle == 0]
+"""Terms of the load alone."""
 SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "dt")
 """What turns radians and newton metres into units of the calibration, and its time step [s]."""
 NOISE: Final = (
@@ -59,11 +55,7 @@ _STRONGEST: Final = 100.0
 """Standard deviations of the torque beyond which none is."""
 
 # Parameters of the compiled functions; then come the widths and the coefficients.
-_ELEMENTS: Final = 0
-_LOAD_DENSITY: Final = 1
-_REST_VARIANCE: Final = 2
-_REST_TRAVEL: Final = 3
-_WIDTHS: Final = 4
+_ELEMENTS, _LOAD_DENSITY, _REST_VARIANCE, _REST_TRAVEL, _WIDTHS = range(5)
 
 
 def count_terms(elements: int) -> int:
@@ -94,15 +86,10 @@ def response(angle: float, load: float, x: Array, elements: int, coefficients: A
 
 def terms(angle: Array, load: Array, deflections: Array) -> Array:
     """Terms (n, count_terms) that `response` weighs, for ``d`` (n,), ``B`` (n,), ``z`` (n, m)."""
-    constant = np.ones_like(angle)
-    deflections = np.clip(deflections, -1.0, 1.0)
-    columns = [
-        constant, angle, angle**2, angle**3, load, load**2, load**3,
-        angle * load, angle * load**2, angle**2 * load,
-    ]  # fmt: skip
-    for z in deflections.T:
-        columns += [z, z * angle, z * angle**2, z * load, z * load**2, z * angle * load]
-    return np.column_stack(columns)
+    angles, loads = ([1.0, x, x**2, x**3] for x in (angle, load))
+    elements = np.clip(deflections, -1.0, 1.0).T
+    weighed = [(np.ones_like(angle), CUBIC), *((z, QUADRATIC) for z in elements)]
+    return np.column_stack([z * angles[a] * loads[b] for z, powers in weighed for a, b in powers])
 
 
 @compiled
@@ -115,14 +102,6 @@ def output(angle: float, x: Array, elements: int, coefficients: Array) -> float:
     last = POLYNOMIAL + PER_ELEMENT * elements
     rest: float = x[elements + 1] * (coefficients[last] + angle * coefficients[last + 1])
     return response(angle, x[elements], x, elements, coefficients) + rest
-
-
-def bent_terms(elements: int) -> Mask:
-    """Which terms of an `output` (count_terms + 2,) bend with the load."""
-    bent = np.zeros(count_terms(elements) + 2, dtype=bool)
-    bent[list(BENT_TERMS)] = True
-    bent[POLYNOMIAL + BENT_OF_ELEMENT : count_terms(elements) : PER_ELEMENT] = True
-    return bent
 
 
 def output_terms(angle: Array, states: Array) -> Array:
@@ -192,14 +171,6 @@ def elastic_filter(arrays: Mapping[str, Array]) -> UnscentedFilter:
         },
     )
     return UnscentedFilter(model)
-
-
-def elastic_prior(arrays: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
-    _, rest_deviation, *_, load_mean, load_deviation = arrays["noise"].tolist()
-    elements = len(arrays["widths"])
-    variance = [1.0 / 3.0] * elements + [load_deviation**2, rest_deviation**2]
-    return np.array([*[0.0] * elements, load_mean, 0.0]), np.diag(variance)
 
 
 LAYOUT: Final = at.filter_layout().declare(__package__, "filter")
@@ -302,7 +273,11 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
     """Memory of `filter_row`, with fields of a model on top or without."""
     middle, half_range, torque, _dt = arrays["scales"].tolist()
+    _, rest_deviation, *_, load_mean, load_deviation = arrays["noise"].tolist()
     elements = int(params["elements"])
+    # Before the first row, elements may be deflected in any way.
+    mean = np.array([*[0.0] * elements, load_mean, 0.0])
+    variance = [1.0 / 3.0] * elements + [load_deviation**2, rest_deviation**2]
     return at.pack_filter(
         LAYOUT,
         take_inputs=take_inputs,
@@ -314,7 +289,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
         responses=arrays["outputs"],
         misfit=arrays["misfit"],
         n_states=elements + 2,
-        filter=elastic_filter(arrays).memory(*elastic_prior(arrays)),
+        filter=elastic_filter(arrays).memory(mean, np.diag(variance)),
         **on_top,
     )
 
