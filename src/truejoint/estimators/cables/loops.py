@@ -20,18 +20,10 @@ N: Final = 3
 
 # Where each part of the state begins: friction of loops at guides and wrist [N], of motors as a
 # share, of pins [Nm], and loads [Nm].
-GUIDE: Final = 0
-WRIST: Final = N
-MOTOR: Final = 2 * N
-PIN: Final = 3 * N
-LOAD: Final = 4 * N
-STATES: Final = 5 * N
+GUIDE, WRIST, MOTOR, PIN, LOAD, STATES = range(0, 6 * N, N)
 
 # Inputs: motor angles [rad], by how much they changed in the row, and their speeds [rad/s].
-ANGLE: Final = 0
-CHANGE: Final = N
-SPEED: Final = 2 * N
-INPUTS: Final = 3 * N
+ANGLE, CHANGE, SPEED, INPUTS = range(0, 4 * N, N)
 
 # Where each part of the parameters begins.
 RIGID: Final = 0  # (N, N) raw joints per motor angle

@@ -32,11 +32,7 @@ from truejoint.products import weighted
 # of torque [Nm2 s] and force [N2 s].
 _FREQUENCY: Final = 0
 _SHAPE: Final = 2
-_INERTIA: Final = 6
-_MASS: Final = 7
-_TORQUE: Final = 8
-_TORQUE_DENSITY: Final = 9
-_FORCE_DENSITY: Final = 10
+_INERTIA, _MASS, _TORQUE, _TORQUE_DENSITY, _FORCE_DENSITY = range(6, 11)
 
 
 @compiled
@@ -117,10 +113,6 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row, 2 * column + 1] += shape * mixed
                     out[2 * column + 1, 2 * row] += shape * mixed
                     out[2 * row + 1, 2 * column + 1] += shape * speed
-
-
-LAMBDA: Final = -1.0
-"""``lambda`` of (15), which changes nothing: (12) is linear."""
 
 
 class ForcepsModel(SimpleNamespace):
@@ -223,7 +215,8 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     model = ForcepsModel(**params)
-    unscented = UnscentedFilter(model.state_space(), ScaledSigmaPoints(1.0, 0.0, LAMBDA))
+    # ``lambda`` of (15), here -1, changes nothing: (12) is linear.
+    unscented = UnscentedFilter(model.state_space(), ScaledSigmaPoints(1.0, 0.0, -1.0))
     return pack_filter(
         LAYOUT,
         take_inputs=take_inputs,
@@ -240,10 +233,9 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 FAMILY: Final = filter_family(
     "jaw",
     rules={
-        **dict.fromkeys(("drive_stiffness", "reset_stiffness"), POSITIVE),
-        **dict.fromkeys(("jaw_inertia", "slider_mass"), POSITIVE),
+        **dict.fromkeys(("drive_stiffness", "reset_stiffness", "jaw_inertia"), POSITIVE),
         **dict.fromkeys(("jaw_friction", "slider_friction", "correlation_time"), POSITIVE),
-        **dict.fromkeys(("displacement_noise", "speed_noise"), POSITIVE),
+        **dict.fromkeys(("displacement_noise", "speed_noise", "slider_mass"), POSITIVE),
         **MECHANISM_RULES,
         "compensated": one_of(False, True),
     },
