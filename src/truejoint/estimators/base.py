@@ -9,11 +9,11 @@ from typing import Any, ClassVar, Final, Self
 
 import joblib
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.family import EstimatorData, Family, evaluate
@@ -24,7 +24,6 @@ from truejoint.robots import Robot
 from truejoint.threads import one_thread
 
 Arrays = dict[str, Array]
-Flags = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 _REGULAR: Final = 5e-3  # [s], 200 Hz
@@ -175,9 +174,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Unfitted estimator of the parameters of its family, to be run only."""
-        made = cls(
-            **{name: value for name, value in params.items() if name not in cls.fitted_params}
-        )
+        made = cls(**{n: value for n, value in params.items() if n not in cls.fitted_params})
         if cls.fitted_params:
             made.fitted_params_ = {name: params[name] for name in cls.fitted_params}
         return made
@@ -251,7 +248,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         times[:1] = 0.0
         return times
 
-    def _known(self, y: Array) -> Flags:
+    def _known(self, y: Array) -> Mask:
         """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""
         labelled = np.asarray(np.isfinite(y).all(axis=1))
         if labelled.sum() < self.least_rows:
@@ -308,7 +305,7 @@ def scaling(X: Array, y: Array) -> Arrays:
     return dict([*features, *zip(("target_mean", "target_scale"), target_scaling(y), strict=True)])
 
 
-def constant_columns(X: Array) -> Flags:
+def constant_columns(X: Array) -> Mask:
     """Which columns (k,) of `X` (n, k) are constant but for rounding (1e-9 of their value)."""
     low, high = X.min(axis=0), X.max(axis=0)
     least = np.maximum(1e-9 * np.maximum(np.abs(low), np.abs(high)), 1e-150)

@@ -116,11 +116,6 @@ def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
     return np.concatenate([np.ravel(part) for part in parts_of_parameters])
 
 
-def geometry(rigid: Array) -> Array:
-    """List what radii, zeros, eccentric pulleys may add to joints (n, 10), at raw ones (n, 3)."""
-    return np.column_stack([np.ones(len(rigid)), rigid, np.sin(rigid), np.cos(rigid)])
-
-
 def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Array]:
     """Find what a model leaves of angles and efforts (k, 6), in thinned rows with truth.
 
@@ -137,7 +132,8 @@ def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Arra
         share, speed = x[:, r.MOTOR : r.PIN], inputs[:, r.SPEED :]
         columns = np.stack([torque, share, speed, np.ones_like(torque)], axis=2)
         rows = history.with_truth[::_THINNED]
-        terms = geometry(inputs[rows, : r.N] @ rigid.T)
+        raw = inputs[rows, : r.N] @ rigid.T
+        terms = np.column_stack([np.ones(len(raw)), raw, np.sin(raw), np.cos(raw)])
         residuals, efforts = (history.truth - joint)[rows], history.X[rows, r.N :]
         parts.append((residuals, efforts, terms, columns[rows], np.full(len(rows), n)))
     angle, effort, terms, columns, run = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -9,10 +9,10 @@ from typing import ClassVar, Final, cast
 import numpy as np
 from scipy.optimize import least_squares
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
-from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.family import EstimatorData, Family
 from truejoint.estimators.filtered import histories, joined, run_filter
 from truejoint.estimators.jaw import learn as jaw
@@ -137,7 +137,7 @@ class ElasticJointFilter(JointRegressor):
             "misfit": np.array([misfit for _, misfit in responses]),
         }
 
-    def _check_motion(self, X: Array, has_truth: Flags, dt: Array) -> None:
+    def _check_motion(self, X: Array, has_truth: Mask, dt: Array) -> None:
         for name, column in zip((model.DRIVER, model.TORQUE), X.T, strict=True):
             jaw.check_changes(self.name, name, column[has_truth], " under load")
         jaw.check_jumps(self.name, model.DRIVER, X[:, 0], np.cumsum(dt == 0.0))
@@ -145,7 +145,7 @@ class ElasticJointFilter(JointRegressor):
         jaw.check_reversals(self.name, "driver", turns)
 
 
-def thinned(dt: Array, has_truth: Flags) -> Integers:
+def thinned(dt: Array, has_truth: Mask) -> Integers:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
     stride = max(1, round(_FILTER_DT / jaw.usual_dt(dt, np.mean)))
     fresh = dt == 0.0
@@ -242,7 +242,7 @@ class _Static:
     found by turns, the elements' widths by variable projection on torque and jaw angle together.
     """
 
-    def __init__(self, motion: Motion, rows: Integers, has_truth: Flags, jaw: Array) -> None:
+    def __init__(self, motion: Motion, rows: Integers, has_truth: Mask, jaw: Array) -> None:
         self.motion, self.rows, self.has_truth, self.jaw = motion, rows, has_truth, jaw
         self.angle, self.torque = motion.angle[rows], motion.torque[rows]
         _, self.history = np.unique(motion.history[rows], return_inverse=True)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.family import Family
 from truejoint.estimators.network import run as network
 from truejoint.estimators.network.run import is_update
@@ -272,7 +272,7 @@ def windows(first: Integers, length: int, rng: np.random.RandomState) -> Integer
 
 def window_rows(
     first: Integers, starts: Integers, before: int, length: int
-) -> tuple[Integers, Flags]:
+) -> tuple[Integers, Mask]:
     """Rows (before + length, b) of windows, and which are of the window's history."""
     rows = starts + np.arange(-before, length)[:, None]
     within = np.clip(rows, 0, len(first) - 1)
@@ -521,7 +521,7 @@ class TCN(SequenceNetwork):
 
 
 @compiled
-def step_rows(dt: Array, labelled: Flags, period: float) -> Integers:
+def step_rows(dt: Array, labelled: Mask, period: float) -> Integers:
     """Rows (m,) of `dt` (n,) [s] to train on: one in a period, with a target where one has.
 
     Of the rows from one that a network sees to the next, the first that is `labelled` (n,), or else

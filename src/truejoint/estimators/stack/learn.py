@@ -164,11 +164,8 @@ class Stack(JointRegressor):
 
     def _of(self, informed: list[JointRegressor]) -> Self:
         """Unfitted copy of other members; of those that it has, names too, where they are alike."""
-        members = self._unfitted()
-        same = (_described(informed), [*map(repr, informed)]) == (
-            _described(members), [*map(repr, members)]
-        )  # fmt: skip
-        return self.with_params(**({} if same else {"members": tuple(informed)}))
+        ours, theirs = ((_described(m), [*map(repr, m)]) for m in (self._unfitted(), informed))
+        return self.with_params(**({} if ours == theirs else {"members": tuple(informed)}))
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs, what it sees."""
