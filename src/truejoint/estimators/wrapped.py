@@ -259,5 +259,4 @@ def _last(regressor: Any) -> Any:
 
 
 def _tags(regressor: Any) -> Any:
-    tags = getattr(regressor, "__sklearn_tags__", None)
-    return tags() if tags is not None else None
+    return getattr(regressor, "__sklearn_tags__", lambda: None)()

@@ -246,26 +246,23 @@ class _Static:
         self.motion, self.rows, self.has_truth, self.jaw = motion, rows, has_truth, jaw
         self.angle, self.torque = motion.angle[rows], motion.torque[rows]
         _, self.history = np.unique(motion.history[rows], return_inverse=True)
-        self.count = np.bincount(self.history)
-        self.load = self._by_history(self.torque)
+        self.load = self._mean(self.torque)
 
     def columns(self, widths: Array) -> Array:
         """Terms (n, p) of the responses."""
         deflections = self.motion.deflections(widths)[self.rows]
-        return model.terms(self.angle, self.load[self.history], deflections)
+        return model.terms(self.angle, self.load, deflections)
 
     def settle_loads(self, widths: Array) -> None:
-        """Find the load of each history, and the torque response, by turns."""
-        deflections = self.motion.deflections(widths)[self.rows]
+        """Find the load of each row's history, and the torque response, by turns."""
         for _ in range(_ROUNDS):
-            load = self.load[self.history]
-            columns = model.terms(self.angle, load, deflections)
-            self.load = self.load + self._by_history(regress_torque(columns, self.torque, load)[1])
+            residual = regress_torque(self.columns(widths), self.torque, self.load)[1]
+            self.load = self.load + self._mean(residual)
 
     def misfits(self, widths: Array) -> tuple[Array, Array]:
         """Find what the best responses leave of torque (n,) and jaw angle (k,)."""
         columns = self.columns(widths)
-        residual = regress_torque(columns, self.torque, self.load[self.history])[1]
+        residual = regress_torque(columns, self.torque, self.load)[1]
         columns = columns[self.has_truth]
         weights, constant = ridge(columns, self.jaw, _PENALTY)
         weights[0] = constant  # of the first column, which is constant
@@ -291,22 +288,22 @@ class _Static:
     def identify(self, elements: int, load_drift: float, noise_density: float) -> Arrays:
         """Identify widths, torque response and noise of a joint."""
         widths = self.find_widths(elements)
-        load = self.load[self.history]
-        torque, residual = regress_torque(self.columns(widths), self.torque, load)
-        spread = max(float(load.std()), 1e-6)
+        torque, residual = regress_torque(self.columns(widths), self.torque, self.load)
+        spread = max(float(self.load.std()), 1e-6)
         noise = {
             "load_density": (load_drift * spread) ** 2,
             "rest_deviation": max(float(residual.std()), 1e-6),
             "rest_travel": _memory(residual, self.motion.travel[self.rows]),
             "noise_density": noise_density,
-            "load_mean": float(load.mean()),
+            "load_mean": float(self.load.mean()),
             "load_deviation": spread,
         }
         in_order = np.array([noise[name] for name in model.NOISE])
         return {"noise": in_order, "widths": widths, "torque": torque}
 
-    def _by_history(self, values: Array) -> Array:
-        return np.bincount(self.history, values) / self.count
+    def _mean(self, values: Array) -> Array:
+        """Mean of values (n,) in the history of each row."""
+        return (np.bincount(self.history, values) / np.bincount(self.history))[self.history]
 
 
 def _memory(residual: Array, travel: Array) -> float:
