@@ -11,7 +11,7 @@ import truejoint
 from truejoint.calibration import calibrate, calibrate_like, read_calibration, write_calibration
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.learn import Polynomial
-from truejoint.estimators.stack.pooled import Expert, Pooled
+from truejoint.estimators.stack.learn import Expert, Pooled
 from truejoint.recordings import Provenance, Recording
 
 FEATURES = ("measured/jaw", "effort/jaw")

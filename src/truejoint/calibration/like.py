@@ -16,7 +16,7 @@ from truejoint.calibration.origin import distinct
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
-from truejoint.estimators.stack.pooled import Expert, Pooled
+from truejoint.estimators.stack.learn import Expert, Pooled
 from truejoint.estimators.stack.run import MAX_MEMBERS
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
