@@ -143,28 +143,30 @@ def test_rows_without_truth_are_seen_and_not_fitted_to(fitted):
     assert np.degrees((model.predict(Xt, stepst) - yt[:, :1]).std()) < 0.08
 
 
-def test_the_torque_does_not_change_the_angle(fitted):
-    X, y, steps, _ = rows(range(5))
-    alone = clone(fitted).fit(X, y[:, :1], None, steps)
-    assert fitted.family.beside(fitted.model_params()) == {"torque": ()}
+def test_the_torque_does_not_change_the_angle():
+    X, y, steps, _ = rows(range(3), seconds=10.0)
+    both = fit(ElasticJointFilter(elements=2), X, y, steps)
+    alone = clone(both).fit(X, y[:, :1], None, steps)
+    assert both.family.beside(both.model_params()) == {"torque": ()}
     assert alone.family.beside(alone.model_params()) == {}
     Xt, _, stepst, _ = rows([50])
-    np.testing.assert_array_equal(alone.predict(Xt, stepst), fitted.predict(Xt, stepst))
+    np.testing.assert_array_equal(alone.predict(Xt, stepst), both.predict(Xt, stepst))
     assert estimate(alone, Xt, stepst).angle.shape == (len(Xt), 1)
 
 
-def test_a_torque_that_is_known_in_few_rows_is_not_told(fitted):
-    X, y, steps, _ = rows(range(5))
+def test_a_torque_that_is_known_in_few_rows_is_not_told():
+    X, y, steps, _ = rows(range(3), seconds=10.0)
     y[MIN_ROWS - 1 :, 1] = np.nan
-    y[-2000:, 1] = 0.0  # as where a recording has none
-    assert not fit(clone(fitted), X, y, steps).model_params()["tells_torque"]
+    y[-800:, 1] = 0.0  # as where a recording has none
+    model = fit(ElasticJointFilter(elements=2), X, y, steps)
+    assert not model.model_params()["tells_torque"]
 
 
-def test_a_torque_of_0_that_was_read_is_learnt(fitted):
+def test_a_torque_of_0_that_was_read_is_learnt():
     """Of a jaw that presses in one half of its travel alone."""
-    X, y, steps, _ = rows(range(5))
+    X, y, steps, _ = rows(range(3), seconds=10.0)
     y[:, 1] = 0.1 * np.maximum(X[:, 0] - 0.5, 0.0)
-    told = estimate(fit(clone(fitted), X, y, steps), X, steps).angle[:, 1]
+    told = estimate(fit(ElasticJointFilter(elements=2), X, y, steps), X, steps).angle[:, 1]
     assert np.abs(told[y[:, 1] == 0.0]).mean() < 0.01  # the line of the other half is at -0.03
 
 
