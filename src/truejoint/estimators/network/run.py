@@ -124,7 +124,7 @@ FAMILY: Final = Family(
     row=network_row,
 )
 
-GRU_LAYOUT: Final = Layout().declare(__package__, "scaling", "recurrent")
+GRU_LAYOUT: Final = Layout().declare(__package__, "scaling", "sequence", "recurrent")
 GRU_ELAPSED: Final = GRU_LAYOUT.at("elapsed")
 unpack_gru = GRU_LAYOUT.unpacker()
 
@@ -216,7 +216,7 @@ GRU: Final = Family(
     counts_samples=True,
 )
 
-TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "convolution")
+TCN_LAYOUT: Final = Layout().declare(__package__, "scaling", "sequence", "convolution")
 TCN_ELAPSED, COUNT = TCN_LAYOUT.places("elapsed count")
 unpack_tcn = TCN_LAYOUT.unpacker()
 
