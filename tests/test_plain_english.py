@@ -72,6 +72,8 @@ def help_texts() -> dict[str, str]:
                     pages.append(((*place, key), value))
                 elif key in ("help", "summary"):
                     texts[".".join(place)] = value
+                elif len(place) == 2:  # a section's option of which the help is all, a hint
+                    texts[".".join((*place, key))] = value
     return texts
 
 

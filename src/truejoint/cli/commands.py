@@ -17,15 +17,19 @@ class Command(NamedTuple):
     """A command as a line in the list of commands."""
 
     panel: str
-    place: str  # module and function of this package
     summary: str
     example: str  # its arguments
+    place: str = ""  # module and function of this package, where its words do not say them
 
 
 _TABLE: Final = shipped_table(__package__, "commands.toml")
-COMMANDS: Final = {name: Command(**row) for name, row in _TABLE["commands"].items()}
-GROUPS: Final = {name: row["help"] for name, row in _TABLE["groups"].items()}
-HINTS: Final[dict[str, str]] = _TABLE["hints"]  # by words that people type first
+COMMANDS: Final = {
+    name: Command(panel, **row)
+    for panel, rows in _TABLE["panels"].items()
+    for name, row in rows.items()
+}
+GROUPS: Final[dict[str, str]] = _TABLE["groups"]  # what each is for
+HINTS: Final = {word: hint for words, hint in _TABLE["hints"].items() for word in words.split()}
 _HOW: Final[dict[str, Any]] = {
     "rich_markup_mode": "markdown",
     "pretty_exceptions_enable": False,
@@ -72,13 +76,11 @@ def command(name: str) -> Any:
         kind = type("_Group", (_LazyGroup,), {"prefix": f"{name} "})
         app.callback(cls=kind, help=GROUPS[name], epilog=epilog, no_args_is_help=True)(lambda: None)
     else:
-        app.command(word, epilog=epilog)(_imported(COMMANDS[name].place))
+        place = COMMANDS[name].place or f"{name.partition(' ')[0]}:{word}"
+        module, _, function = place.partition(":")
+        called = getattr(import_module(f"truejoint.cli.{module}"), function)
+        app.command(word, epilog=epilog)(described(called))
     return get_command(app)
-
-
-def _imported(place: str) -> Any:
-    module, _, function = place.partition(":")
-    return described(getattr(import_module(f"truejoint.cli.{module}"), function))
 
 
 app = typer.Typer(

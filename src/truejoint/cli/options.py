@@ -4,7 +4,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
-from functools import wraps
+from functools import partial, wraps
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
@@ -139,37 +139,36 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
 
 
 def _entry(parameter: inspect.Parameter, sections: tuple[str, ...]) -> dict[str, Any]:
-    """Find what `help.toml` says of a parameter."""
+    """Gather what `help.toml` says of a parameter, each thing as the nearest section says it."""
     name, help_ = parameter.name, shipped_table(__package__, "help.toml")
-    pages = (help_.get(section, {}) for section in (*sections, "shared"))
-    entry: dict[str, Any] | None = next((page[name] for page in pages if name in page), None)
-    if entry is None:
+    entry: dict[str, Any] = {"flags": [f"--{name.replace('_', '-')}"]}
+    for section in ("shared", *reversed(sections)):
+        said = help_.get(section, {}).get(name, {})
+        entry |= {"help": said} if isinstance(said, str) else said
+    if "help" not in entry:
         raise TypeError(f"help.toml says nothing of {name} of {sections[-1]}")
     return entry
 
 
 def _check_together(stated: set[str], entries: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse options without any that they need, and beside one that they exclude."""
-
-    def flag(name: str) -> str:
-        entry = entries[name]
-        is_argument = entry.get("argument")
-        return str(entry["metavar"]).strip("[]") if is_argument else f"--{name.replace('_', '-')}"
-
+    typed = {
+        name: entry.get("argument", "").strip("[]") or entry["flags"][0]
+        for name, entry in entries.items()
+    }
     for name in sorted(stated):
         needed, excluded = entries[name].get("needs", ()), entries[name].get("excludes", ())
         if needed and not stated & set(needed):
-            of_command = filter(entries.__contains__, needed)
-            raise CommandRefused(f"{flag(name)} needs {' or '.join(map(flag, of_command))}")
+            of_command = (typed[other] for other in needed if other in typed)
+            raise CommandRefused(f"{typed[name]} needs {' or '.join(of_command)}")
         for other in stated & set(excluded):
-            raise CommandRefused(f"{flag(name)} and {flag(other)}: give one of the two")
+            raise CommandRefused(f"{typed[name]} and {typed[other]}: give one of the two")
 
 
 def _described(parameter: inspect.Parameter, entry: Mapping[str, Any]) -> inspect.Parameter:
-    """Give a parameter its option or argument."""
-    make = typer.Argument if entry.get("argument") else typer.Option
     how = {key: entry[key] for key in ("help", "metavar", "min", "max") if key in entry}
-    if "panel" in entry:
-        how["rich_help_panel"] = entry["panel"]
-    option = make(*entry.get("flags", ()), **how)
+    make = partial(typer.Option, *entry["flags"])
+    if entry.get("argument"):
+        make = partial(typer.Argument, metavar=entry["argument"])
+    option = make(**how, rich_help_panel=entry.get("panel"))
     return parameter.replace(annotation=Annotated[parameter.annotation, option])
