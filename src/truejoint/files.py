@@ -14,8 +14,8 @@ from truejoint.errors import TruejointError, words
 if TYPE_CHECKING:  # a command that only answers does without NumPy
     from truejoint.array_types import Array
 
-Write = Callable[[Path], object]
-"""Fills a file."""
+Write = Callable[[Path], object] | bytes
+"""Fills a file, or is what it shall hold."""
 Kind = type[TruejointError]
 """Kind of the error that is raised."""
 UNHASHED: Final = "was written without a content hash: whether it is whole cannot be told"
@@ -50,7 +50,8 @@ def write_all_atomically(
     try:
         for path, temporary in filled.items():
             temporary.open("xb").close()
-            files[path](temporary)
+            write = files[path]
+            temporary.write_bytes(write) if isinstance(write, bytes) else write(temporary)
             _sync(temporary)
         for path, temporary in filled.items():
             move(temporary, path, overwrite=overwrite)

@@ -174,9 +174,7 @@ def write_calibration(
         from_bytes(data)
     except ModelFileError as error:
         raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
-    files.write_atomically(
-        path, lambda part: part.write_bytes(data), overwrite=overwrite, error=ModelFileError
-    )
+    files.write_atomically(path, data, overwrite=overwrite, error=ModelFileError)
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:

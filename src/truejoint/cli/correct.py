@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import print_table, progress, say
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, share
 from truejoint.cli.recording_options import DataCheck, Files, say_failed
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
@@ -50,7 +49,7 @@ def correct(
     check_target(output, overwrite=force)
     if output.exists() and str(output.resolve()) in map(os.path.realpath, recordings):
         raise RecordingError(f"{output}: is to be corrected itself; give the output another name")
-    level = options.share(level_percent)
+    level = share(level_percent)
     calibration = truejoint.read_calibration(model)
     inputs = calibration.feature_set
     loaded = files.find(recordings, part=part, model=calibration, inputs=inputs)()
@@ -75,15 +74,15 @@ def correct(
     rows = []
     for each in counts:
         flagged = ", ".join(f"{n} {status}" for status, n in each["flagged"].items()) or "-"
-        share = f"{100 * each['corrected'] / each['rows']:.1f} %"
-        rows.append((each["recording"], f"{each['rows']}", share, flagged))
+        corrected = f"{100 * each['corrected'] / each['rows']:.1f} %"
+        rows.append((each["recording"], f"{each['rows']}", corrected, flagged))
     print_table(("recording", "rows", "corrected", "in doubt, why"), rows, title=str(output))
     say(_interval_line(tables))
     for each in counts:
         for name, n in each["unlearnt"].items():
-            share = f"{100 * n / each['rows']:.1f} %"
             words = truejoint.runtime.Unlearnt[name].words
-            say(f"{name}: {each['recording']}: in {share} of the rows {words}")
+            in_rows = f"in {100 * n / each['rows']:.1f} % of the rows"
+            say(f"{name}: {each['recording']}: {in_rows} {words}")
     if any("HOMED_AGAIN" in name for each in counts for name in each["flagged"]):
         homings = ", ".join(calibration.origin.homing_ids) or "none"
         say(
@@ -166,7 +165,6 @@ def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
 
 
 def _interval_line(tables: list[pd.DataFrame]) -> str:
-    """Say where a half-width is stated."""
     widths = [table.filter(like="half_width/") for table in tables]
     if not any(width.size for width in widths):
         return "no half_width: the model states no interval (truejoint calibrate --interval ...)"
@@ -186,15 +184,13 @@ def _write(
     if len(tables) > 1:
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
         whole = whole.reset_index("recording")
+    write = partial(write_atomically, output, overwrite=force, error=RecordingError)
     if output.suffix == ".parquet":
-        table = partial(Path.write_bytes, data=whole.to_parquet(index=False))
-        write_atomically(output, table, overwrite=force, error=RecordingError)
-        return
+        return write(whole.to_parquet(index=False))
     for name in whole.select_dtypes("number").columns:
         quantity, _, joint = str(name).partition("/")
         unit = units.get(joint, "") if quantity in _POSITIONS else ""
         whole[name] = (whole[name] / SI_UNITS.get(unit, ("", 1.0))[1]).round(_DECIMALS[name == "t"])
         if unit:
             whole = whole.rename(columns={name: f"{name} [{unit}]"})
-    write = partial(Path.write_text, data=csv_text(whole), encoding="utf-8")
-    write_atomically(output, write, overwrite=force, error=RecordingError)
+    return write(csv_text(whole).encode())

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, say
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, robot_and_arm
 from truejoint.cli.recording_options import Files, say_dropped
 from truejoint.errors import RecordingError, printable
 from truejoint.files import check_ending, check_target, write_atomically
@@ -173,10 +171,10 @@ def columns(path: Path, robot: str = "", output: Path | None = None, force: bool
 
     Other commands take it with `--columns`.
     """
-    text = truejoint.recordings.sketch_column_map(path, *options.robot_and_arm(robot)) + "\n"
+    text = truejoint.recordings.sketch_column_map(path, *robot_and_arm(robot)) + "\n"
     if output is None:
         out.print(text, end="", soft_wrap=True)
     else:
-        write = partial(Path.write_text, data=printable(text), encoding="utf-8")
-        write_atomically(output, write, overwrite=force, error=RecordingError)
+        data = printable(text).encode()
+        write_atomically(output, data, overwrite=force, error=RecordingError)
         out.print(f"{output}: mend it, then give it with --columns")

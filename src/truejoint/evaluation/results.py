@@ -350,7 +350,7 @@ class Evaluation(Summarised):
         """Write `to_dict` as a JSON file; raises CalibrationError if it cannot be written."""
         data, target, error = json.dumps(self.to_dict()).encode(), Path(path), CalibrationError
         check_ending(target, ".json", "an evaluation", error)
-        write_atomically(target, lambda p: p.write_bytes(data), overwrite=overwrite, error=error)
+        write_atomically(target, data, overwrite=overwrite, error=error)
 
     def shown_joints(self) -> list[tuple[int, str, DisplayUnit]]:
         """Column, name and unit for a person of each calibrated joint."""

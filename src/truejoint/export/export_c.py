@@ -359,8 +359,7 @@ def write_files(
         Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ExportError(f"{folder} cannot be written: {error.strerror or error}") from None
-    writers = [partial(Path.write_bytes, data=content) for content in contents.values()]
-    files = dict(zip(paths, writers, strict=True))
+    files = dict(zip(paths, contents.values(), strict=True))
     write_all_atomically(files, overwrite=overwrite, error=ExportError)
     return paths
 

@@ -59,9 +59,7 @@ def export_urdf(
     except LookupError as error:
         raise ExportError(f"{urdf}: {error.args[0]}") from None
     text = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    write_atomically(
-        path, lambda part: part.write_bytes(text), overwrite=overwrite, error=ExportError
-    )
+    write_atomically(path, text, overwrite=overwrite, error=ExportError)
     return offsets, left_out
 
 

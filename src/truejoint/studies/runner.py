@@ -302,7 +302,7 @@ def read_part(path: Path) -> PartResult | None:
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file whole or not at all, over what is there; makes its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, lambda temporary: temporary.write_bytes(data), overwrite=True)
+    write_atomically(path, data, overwrite=True)
 
 
 _ANSWER: Final = 20.0  # [s] for a scheduler to answer

@@ -8,7 +8,6 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -272,8 +271,8 @@ def write_pose(pose: BlockPose, path: str | os.PathLike[str], *, overwrite: bool
     >>> read_pose("pose.toml").title
     'test in the base of raven2 left'
     """
-    write = partial(Path.write_text, data=_toml(schema.plain(pose)), encoding="utf-8")
-    write_atomically(Path(path), write, overwrite=overwrite, error=CalibrationError)
+    data = _toml(schema.plain(pose)).encode()
+    write_atomically(Path(path), data, overwrite=overwrite, error=CalibrationError)
 
 
 def _toml(values: Mapping[str, Any], name: str = "", digits: int | None = None) -> str:

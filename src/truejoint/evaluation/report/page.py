@@ -83,8 +83,8 @@ def write_page(path: str | Path, render: Callable[[], str], *, overwrite: bool) 
     target = check_name(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
     # Half a character, of somebody's name, becomes its number.
-    write = partial(Path.write_text, data=render(), encoding="utf-8", errors="backslashreplace")
-    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
+    data = render().encode(errors="backslashreplace")
+    write_atomically(target, data, overwrite=overwrite, error=RecordingError)
     return target
 
 
