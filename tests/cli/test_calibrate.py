@@ -5,7 +5,7 @@ from tests.runtime.registered import model, wrist
 from tests.synthetic import build_recording
 
 from truejoint.calibration import Automatic, read_calibration, write_calibration
-from truejoint.cli.fit_options import FitOptions
+from truejoint.cli.calibrate import FitOptions
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording, write_parquet
 

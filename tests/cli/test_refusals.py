@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.cli.conftest import Call
 
-from truejoint.cli.fit_options import configured
+from truejoint.cli.calibrate import configured
 from truejoint.errors import TruejointError
 from truejoint.motion import Trajectory, write_trajectory
 

@@ -3,20 +3,90 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 import truejoint
 from truejoint.cli.console import command_line, out, print_table, progress, say
-from truejoint.cli.fit_options import FitOptions, Unfitted
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, split_pairs
 from truejoint.cli.recording_options import DataCheck, Files, NewModel, only_dataset, say_failed
 from truejoint.cli.show import is_model
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, unknown
+from truejoint.estimators.registry import AUTO, DEFAULT
 from truejoint.units import display_unit
 
+Unfitted: TypeAlias = "truejoint.estimators.JointRegressor | truejoint.calibration.Automatic"
+"""What is fitted, or chosen."""
 _CROSS: Final = "cross"  # in place of recordings for an interval
+_NONE: Final = "none"  # in place of redundant columns
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Estimator, features and joints to fit, an option each."""
+
+    estimator: str | None = None
+    settings: list[str] | None = None
+    features: list[str] | None = None
+    joints: list[str] | None = None
+    target: Literal["error", "position"] | None = None
+    redundant: list[str] | None = None
+    fit_rate_hz: float | None = None
+    zero: Literal["shared", "recording"] | None = None
+    seed: int = 0
+
+    def suited_to(self, dataset: str | None) -> FitOptions:
+        """Take for what is not said what suits a public data set, if it is of one.
+
+        An estimator that takes features of its own keeps these.
+        """
+        if dataset is None:
+            return self
+        named = self.estimator or DEFAULT
+        free = named == AUTO or truejoint.estimators.get_estimator(named).family.inputs is None
+        rate = truejoint.recordings.datasets.DATASETS[dataset].fit_rate
+        stated = self.fit_rate_hz
+        return replace(
+            self,
+            features=self.features or ([dataset] if free else None),
+            fit_rate_hz=rate if stated is None else stated,
+        )
+
+    def unfitted(self, dataset: str | None) -> Unfitted:
+        """Say what is fitted, with the parameters that were given or suit a data set."""
+        named = self.estimator or DEFAULT
+        if named != AUTO:
+            return configured(named, self.settings, dataset)
+        if self.settings:
+            text = self.settings[0]
+            raise CalibrationError(f"--set {text!r} needs one estimator; name it with -e")
+        candidates = truejoint.estimators.candidates()
+        for candidate in candidates:
+            candidate.set_params(**_suited(candidate.name, dataset))
+        return truejoint.calibration.Automatic(candidates)
+
+    def inputs(self) -> truejoint.features.FeatureSet | None:
+        """Features of their texts, where the name of a data set stands for those that suit it."""
+        if not self.features:
+            return None
+        sets = truejoint.recordings.datasets.DATASETS
+        chosen = (sets[text].features if text in sets else (text,) for text in self.features)
+        return truejoint.features.FeatureSet.parse(feature for part in chosen for feature in part)
+
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `truejoint.calibrate` beside recordings and estimator."""
+        return {
+            "features": self.inputs(),
+            "joints": self.joints,
+            "target": self.target,
+            "redundant": [] if self.redundant == [_NONE] else self.redundant,
+            "fit_rate": self.fit_rate_hz,
+            "random_state": self.seed,
+            "zero": self.zero,
+        }
 
 
 def calibrate(
@@ -107,17 +177,14 @@ def fit(
     """
     automatic = truejoint.calibration.Automatic
     named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
+    make: Any = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
     if models:
         named = f"Weighing {len(models)} models"
-    make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
+        make = partial(truejoint.calibration.calibrate_like, models=models)
     with progress(named) as done:
         if isinstance(estimator, automatic):
             estimator = replace(estimator, tell=done.say)
-        if models:
-            like = truejoint.calibration.calibrate_like
-            fitted = like(training, models, estimator, progress=done, **how)
-        else:
-            fitted = make(training, estimator, progress=done, **how)
+        fitted: truejoint.Calibration = make(training, estimator=estimator, progress=done, **how)
     if fitted.metadata["outliers"]:
         say(f"  left out as gross outliers of the truth: {fitted.metadata['outliers']} rows")
     without = tuple(f"/{channel}" for channel in training[0].robot.unused_channels)
@@ -128,6 +195,51 @@ def fit(
             "not know what they do"
         )
     return fitted.with_metadata(command=command_line())
+
+
+def configured(
+    name: str, settings: Sequence[str] | None = None, dataset: str | None = None
+) -> truejoint.estimators.JointRegressor:
+    """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set."""
+    estimator = truejoint.estimators.get_estimator(name)
+    defaults = estimator.get_params()
+    estimator.set_params(**_suited(name, dataset))
+    for key, text in split_pairs("--set", settings, "NAME=VALUE").items():
+        if key not in defaults:
+            raise CalibrationError(f"--set {unknown(f'parameter of {name}', key, defaults)}")
+        estimator.set_params(**{key: _value(text, defaults[key], f"{key}={text}")})
+    estimator.check_params()
+    return estimator
+
+
+def _suited(name: str, dataset: str | None) -> Mapping[str, Any]:
+    """Parameters of an estimator that suit a data set, if one is named."""
+    if dataset is None:
+        return {}
+    return truejoint.recordings.datasets.DATASETS[dataset].settings.get(name, {})
+
+
+def _value(text: str, default: Any, setting: str) -> Any:
+    """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``.
+
+    What is found out where nothing is stated, None, is a whole number.
+    """
+    if isinstance(default, str):
+        return text
+    if isinstance(default, bool):
+        if text.lower() not in {"true", "false"}:
+            raise CalibrationError(f"--set {setting!r}: {text!r} is neither true nor false")
+        return text.lower() == "true"
+    several = isinstance(default, tuple)
+    with suppress(ValueError):
+        kind = int if default is None else type(default[0] if several else default)
+        values = tuple(kind(value) for value in text.strip("()[], ").split(","))
+        if several or len(values) == 1:
+            return values if several else values[0]
+    raise CalibrationError(
+        f"--set {setting!r}: {text!r} is "
+        + ("no whole number" if default is None else f"not of the kind of the default {default!r}")
+    )
 
 
 def print_choice(fitted: truejoint.Calibration) -> None:

@@ -11,10 +11,9 @@ from typing import Any, Final, TypeAlias
 import pandas as pd
 
 import truejoint
-from truejoint.cli.calibrate import fit
+from truejoint.cli.calibrate import configured, fit
 from truejoint.cli.collect import record
 from truejoint.cli.console import command_line, out, progress, say
-from truejoint.cli.fit_options import configured
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck
 from truejoint.errors import RecordingError
