@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, say
 from truejoint.cli.driven_arm import RealArm, home
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, make_twin
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
@@ -67,9 +66,10 @@ class Loop:
 
     def read(self, robot: truejoint.robots.Robot) -> truejoint.Calibration | None:
         """Read the model that the loop is around; raises CalibrationError if of another robot."""
-        model = None if self.compensate is None else truejoint.read_calibration(self.compensate)
-        if model is not None:
-            model.check_robot(robot)
+        if self.compensate is None:
+            return None
+        model = truejoint.read_calibration(self.compensate)
+        model.check_robot(robot)
         return model
 
     def around(
@@ -112,7 +112,7 @@ class Simulated:
 
     def backend(self) -> truejoint.crtk.Backend:
         """Switch it on, not homed."""
-        made = options.make_twin(self.robot, parameters=self.twin, seed=self.seed, load=self.load)
+        made = make_twin(self.robot, parameters=self.twin, seed=self.seed, load=self.load)
         crtk = truejoint.crtk
         return (crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made)
 
@@ -157,24 +157,19 @@ def collect(
             "load": simulated.load, "state_rate": state_rate_hz, "truth": truth,
             "steering": steering, "overwrite": force,
         }  # fmt: skip
-        rows = [_recorded(device, *pair, **how) for pair in pairs]
+        rows = []
+        for trajectory, target in pairs:
+            recording, report = record(device, trajectory, target, **how)
+            size = f"{target.stat().st_size / 1e6:.1f} MB"
+            out.print(f"{target}: {len(recording)} rows, {size}; {report}")
+            say_dropped(recording)
+            facts = {"tracking": report.to_dict(), "dropped": recording.provenance.dropped}
+            rows.append({"file": str(target), "rows": len(recording), **facts})
     if steering is not None:
         steps, counts = max(steering.statuses.total(), 1), steering.statuses.most_common()
         shares = ", ".join(f"{status.name} {100 * n / steps:.1f} %" for status, n in counts)
         say(f"steps of the loop by status: {shares}")
     return Result({"recordings": rows})
-
-
-def _recorded(
-    device: truejoint.crtk.Arm, trajectory: truejoint.motion.Trajectory, target: Path, **how: Any
-) -> dict[str, Any]:
-    """Record one trajectory, `how` as `record` takes it, and say so."""
-    recording, report = record(device, trajectory, target, **how)
-    size = f"{target.stat().st_size / 1e6:.1f} MB"
-    out.print(f"{target}: {len(recording)} rows, {size}; {report}")
-    say_dropped(recording)
-    facts = {"tracking": report.to_dict(), "dropped": recording.provenance.dropped}
-    return {"file": str(target), "rows": len(recording), **facts}
 
 
 def _to_record(

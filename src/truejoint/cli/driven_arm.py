@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from threading import Timer
@@ -74,15 +74,17 @@ class RealArm(ArmOnTopics):
     yes_move_it: bool = False
     beside: list[str] | None = None
 
-    def or_twin(self, robot: str, backend: Callable[[], Backend]) -> AbstractContextManager[Arm]:
-        """Switch on the arm of a twin or, once somebody has agreed, the one on ROS's topics."""
-        if self.ros is None:
-            return truejoint.crtk.Arm(backend())
-        return self.driven(options.get_robot(robot))
-
     @contextmanager
-    def driven(self, robot: Robot) -> Iterator[Arm]:
-        """Control the arm on ROS's topics; raises CommandRefused unless its name is typed."""
+    def or_twin(self, title: str, backend: Callable[[], Backend]) -> Iterator[Arm]:
+        """Switch on the arm of a twin or control, once its name is typed, the one on ROS's topics.
+
+        Raises CommandRefused if another name is, or none can be.
+        """
+        if self.ros is None:
+            with truejoint.crtk.Arm(backend()) as device:
+                yield device
+            return
+        robot = options.get_robot(title)
         fastest = {
             joint.unit: shown(joint.max_speed, f"{joint.unit}/s")
             for joint in sorted(robot.joints, key=lambda joint: joint.max_speed)

@@ -39,10 +39,10 @@ def monitor(
     calibration = None if model is None else truejoint.read_calibration(model)
     try:
         with ExitStack() as stack:
+            page: truejoint.monitor.ArmPage | truejoint.monitor.RecordingPage
             if recording is not None:
                 shown = files.one(recording, model=calibration)
                 page = truejoint.monitor.RecordingPage(shown, calibration, host=host, port=port)
-                _open(stack.enter_context(page))
             else:
                 if files != Files(robot=files.robot):
                     raise TruejointError("--columns and --metadata need a recording")
@@ -56,19 +56,16 @@ def monitor(
                     how = {"parameters": twin or "nominal", "seed": seed or 0}
                     backend = truejoint.crtk.PacedBackend(options.make_twin(name, **how))
                     arm = stack.enter_context(truejoint.crtk.Arm(backend))
-                shows = truejoint.monitor.ArmPage(
+                page = truejoint.monitor.ArmPage(
                     arm, calibration, host=host, port=port, remote_control=remote_control
                 )
-                _open(stack.enter_context(shows))
-                if live.ros is None:
-                    _move(arm, motions)
+            url = stack.enter_context(page).url
+            out.print(f"Open {url} in a browser; Ctrl-C ends.")
+            if recording is None and live.ros is None:
+                _move(arm, motions)
             _wait()
     except KeyboardInterrupt:
         say("stopped")
-
-
-def _open(page: truejoint.monitor.ArmPage | truejoint.monitor.RecordingPage) -> None:
-    out.print(f"Open {page.url} in a browser; Ctrl-C ends.")
 
 
 def _move(arm: truejoint.crtk.Arm, motions: list[truejoint.motion.Trajectory] | None) -> None:

@@ -156,7 +156,7 @@ class Files:
             dataset = sets.get_dataset(wanted)
             dataset.match(pattern or "*")
             truejoint.get_robot(dataset.robot).index(list(joints))
-            return lambda: self._state(sets.read_dataset(wanted, pattern or "*"))
+            return lambda: reading.state(sets.read_dataset(wanted, pattern or "*"), self.stated())
         else:
             paths = [Path(match) for match in sorted(glob.glob(name))]  # noqa: PTH207  # absolute too
             if not paths:
@@ -195,13 +195,9 @@ class Files:
             say(f"  {path}: its clock restarts: read as {len(recordings)} recordings")
         return recordings
 
-    def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
-        from truejoint.recordings.read import reading
-
-        return reading.state(recordings, self.stated())
-
     def _split_side(self, dataset: str | None, name: str, held_out: bool) -> Read:
         from truejoint.evaluation.evaluate import split_sides
+        from truejoint.recordings.read import reading
 
         if dataset is None:
             raise RecordingError(
@@ -215,7 +211,7 @@ class Files:
         def read() -> list[truejoint.Recording]:
             with progress(f"Reading {which} recordings of {dataset}, split {name}") as done:
                 whole = sets.read_dataset(dataset, sides.files, progress=done)
-            return self._state(split_sides(whole, about, sides)[held_out])
+            return reading.state(split_sides(whole, about, sides)[held_out], self.stated())
 
         return read
 

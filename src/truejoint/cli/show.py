@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import out, print_facts, print_table, progress, shortened
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, get_robot
 from truejoint.cli.recording_options import Files
 from truejoint.errors import RecordingError
 from truejoint.files import head_of
@@ -32,7 +31,7 @@ def show(name: str, files: Files) -> Result:
     if name in truejoint.recordings.datasets.DATASETS and not path.exists():
         return datasets(name)
     if files == Files(robot=files.robot) and _is_trajectory(path):
-        arm = options.get_robot(files.robot or DEFAULT)
+        arm = get_robot(files.robot or DEFAULT)
         return tell_trajectory(truejoint.motion.read_trajectory(path), arm)
     if is_model(path):
         described = [model_facts(path)]
@@ -63,7 +62,7 @@ def robots(name: str | None = None) -> Result:
         rows = [(robot.name, ", ".join(robot.joint_names)) for robot in every]
         print_table(("robot", "joints"), rows, numbers=False)
         return Result({"robots": [robot.to_dict() for robot in every]})
-    robot, limits = options.get_robot(name), []
+    robot, limits = get_robot(name), []
     for joint in robot.joints:
         unit = display_unit(joint.unit)
         ends = (f"{limit * unit.scale:.4g}" for limit in (joint.lower, joint.upper))
@@ -211,16 +210,14 @@ def datasets(name: str | None = None, fetch: bool = False) -> Result:
     """List public recordings of real joints; with a name, describe a data set or fetch it."""
     sets = truejoint.recordings.datasets
     if name is None:
-        listed = {
-            each: _dataset_facts(about, about.recordings) for each, about in sets.DATASETS.items()
-        }
-        rows = []
-        for each, facts in listed.items():
-            dataset, here = sets.DATASETS[each], "yes" if facts["here"] else "no"
-            size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
-            rows.append((each, dataset.title, size, licence, here))
+        listed, rows = [], []
+        for each in sets.DATASETS.values():
+            facts = _dataset_facts(each, each.recordings)
+            size, licence = f"{each.size / 1e6:.1f}", each.licence or "none stated"
+            rows.append((each.name, each.title, size, licence, "yes" if facts["here"] else "no"))
+            listed.append(facts)
         print_table(("name", "what", "MB", "licence", "here"), rows, numbers=False)
-        return Result({"datasets": [*listed.values()]})
+        return Result({"datasets": listed})
     name, _, pattern = name.partition(":")
     dataset = sets.get_dataset(name)
     if not fetch:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 import typer
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.driven_arm import Topics, home
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, get_robot, robot_and_arm
 from truejoint.cli.recording_options import Files, NewModel, check_page_target
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError, CommandRefused
@@ -40,11 +38,11 @@ def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     """Design a block of stairs to print: its shape, and its points with a map of their numbers."""
     from truejoint.tip.block import block_text
 
-    shape = truejoint.tip.design_block(options.get_robot(robot))
+    shape = truejoint.tip.design_block(get_robot(robot))
     made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
     contents = {"block.stl": shape.stl(), "block.toml": (shape.map() + block_text(made)).encode()}
-    files = {output / name: partial(Path.write_bytes, data=data) for name, data in contents.items()}
+    files = {output / name: data for name, data in contents.items()}
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size
     size = " x ".join(f"{1e3 * v:g}" for v in shape.size)
@@ -76,28 +74,27 @@ class Aim:
         from truejoint.tip.block import read_block, read_pose
         from truejoint.tip.plan import design_pose, learning, of_model
 
-        if model is None and (self.block is None or self.bolted is not None):
-            raise CommandRefused(
-                f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero or to "
-                "find a block give the model file"
-            )
-        if model is not None and (self.block is None) == (self.bolted is None):
+        if model is None:
+            if self.block is None or self.bolted is not None:
+                raise CommandRefused(
+                    f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero "
+                    "or to find a block give the model file"
+                )
+            robot = get_robot(arm)
+            pose = design_pose(read_block(self.block), robot)
+            older = None if self.prior is None else truejoint.read_calibration(self.prior)
+            return learning(robot, pose, older)
+        if (self.block is None) == (self.bolted is None):
             raise CommandRefused(
                 "touch run takes --block, to find where it stands, or --bolted, to re-zero by it"
             )
-        if model is not None and self.prior is not None:
+        if self.prior is not None:
             raise CommandRefused("--prior is for an arm without a model; leave it out")
-        calibration = None if model is None else truejoint.read_calibration(model)
-        robot = options.get_robot(arm) if calibration is None else calibration.machine
-        pose = (
-            design_pose(read_block(self.block or Path()), robot)
-            if self.bolted is None
-            else read_pose(self.bolted)
-        )
-        if calibration is None:
-            older = None if self.prior is None else truejoint.read_calibration(self.prior)
-            return learning(robot, pose, older)
-        return of_model(calibration, pose, finds_block=self.bolted is None)
+        calibration = truejoint.read_calibration(model)
+        if self.bolted is not None:
+            return of_model(calibration, read_pose(self.bolted), finds_block=False)
+        pose = design_pose(read_block(self.block or Path()), calibration.machine)
+        return of_model(calibration, pose, finds_block=True)
 
 
 class SteeredArm(Topics):
@@ -119,7 +116,7 @@ def run(
     A simulated arm is homed and driven; with --ros you steer a real one, and say when its tip is
     seated.
     """
-    ending = Path(options.robot_and_arm(arm)[0]).suffix
+    ending = Path(robot_and_arm(arm)[0]).suffix
     model = None if ending in {"", ".toml"} and not is_model(Path(arm)) else Path(arm)
     task = aim.task(arm, model)
     count = count or (_MANY if aim.bolted is None else _FEW)
@@ -135,14 +132,13 @@ def run(
     path = output.with_suffix(".parquet")
     for target in (output, path):
         check_target(target, overwrite=force)
-    is_real = live.ros is not None
-    opened = _steered(live, task.robot) if is_real else _simulated(task.pose, twin, seed)
+    is_real, pose = live.ros is not None, task.pose
+    twins = partial(truejoint.crtk.simulated_arm, pose.robot, pose.arm, parameters=twin, seed=seed)
     about: dict[str, Any] = {"session": output.stem, "command": command_line()}
-    with (
-        opened as (device, seat),
-        truejoint.recordings.Recorder(device, path=path, overwrite=force, **about) as recorder,
-    ):
-        made = follow_plan(stops, recorder, seat, output, goes_on=is_real)
+    with live.over_ros(task.robot) if is_real else twins() as device:
+        seat = partial(prompted, device) if is_real else _by_hand(device, pose, seed)
+        with truejoint.recordings.Recorder(device, path=path, overwrite=force, **about) as recorder:
+            made = follow_plan(stops, recorder, seat, output, goes_on=is_real)
     out.print(f"{output}: {len(made)} touches of {task.pose.block.name}")
     following = "rezero" if aim.bolted else "touch bolt" if model else "touch calibrate"
     say(f"next: truejoint {following} (docs/tracker.md)")
@@ -176,47 +172,31 @@ def follow_plan(
         times, dimples = zip(*made, strict=True)
         touches = truejoint.tip.Touches(times, dimples)
         text = "t,dimple\n" + "".join(f"{t:.4f},{dimple}\n" for t, dimple in made)
-        write = partial(Path.write_text, data=text, encoding="utf-8")
-        write_atomically(output, write, overwrite=True, error=CommandRefused)
+        write_atomically(output, text.encode(), overwrite=True, error=CommandRefused)
     return touches
 
 
-@contextmanager
-def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
-    """Arm of a twin, homed, and a hand that steers it to a block at `pose`."""
+def _by_hand(device: truejoint.crtk.Arm, pose: BlockPose, seed: int) -> Seat:
+    """Home the arm of a twin; a hand seats its tip in a block at `pose`."""
     from truejoint.calibration.compatibility import check_robot
     from truejoint.motion.touching import SimulatedHand
 
-    with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:
-        check_robot((pose.robot, pose.arm), device.robot)
-        home(device, None)
-        hand = SimulatedHand(device, pose.rotation, pose.translation, seed=seed)
+    check_robot((pose.robot, pose.arm), device.robot)
+    home(device, None)
+    hand = SimulatedHand(device, pose.rotation, pose.translation, seed=seed)
 
-        def seat(stop: Stop) -> float:
-            t = hand.touch(pose.scale * stop.point, stop.side)
-            device.wait(_AFTER)
-            return t
+    def seat(stop: Stop) -> float:
+        t = hand.touch(pose.scale * stop.point, stop.side)
+        device.wait(_AFTER)
+        return t
 
-        yield device, seat
-
-
-@contextmanager
-def _steered(
-    live: SteeredArm, robot: truejoint.robots.Robot
-) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
-    """Arm that others steer over ROS, and a person who says when its tip is seated."""
-    with live.over_ros(robot) as device:
-        yield device, partial(prompted, device)
+    return seat
 
 
 def prompted(device: truejoint.crtk.Arm, stop: Stop, **how: Any) -> float:
     """Ask a person to seat the tip; gives the time of the state when that is said."""
-    typer.prompt(
-        f"dimple {stop.dimple}, come with {stop.words}; seated?",
-        default="",
-        show_default=False,
-        **how,
-    )
+    asked = f"dimple {stop.dimple}, come with {stop.words}; seated?"
+    typer.prompt(asked, default="", show_default=False, **how)
     t = float(device.measured_js().t)
     threading.Event().wait(_AFTER)
     return t
