@@ -98,7 +98,6 @@ class _Stop:
 
 
 def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one for each kind
-    """Exit code and message of what a command raised."""
     import typer
 
     from truejoint.cli.commands import COMMANDS

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Final
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import out, progress, say
 from truejoint.cli.node import as_node, wait
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, robot_and_arm
 from truejoint.cli.recording_options import Files
 from truejoint.errors import RecordingError
 
@@ -31,7 +30,7 @@ def doctor(
     from truejoint.recordings.read.track import read_tool_poses
 
     sets = truejoint.recordings
-    name, arm = options.robot_and_arm(robot or "")
+    name, arm = robot_and_arm(robot or "")
     wiring = {"profile": profile, "state": state, "truth": truth}
     if files == [Path(_LIVE)] and not (columns or files[0].exists()):
         diagnosis = _listen(name, arm, wiring, duration_s or _DURATION_S, ros or 1)

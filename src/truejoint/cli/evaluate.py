@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Final
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.driven_arm import BriefTruth
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, share
 from truejoint.cli.recording_options import (
     DataCheck,
     Files,
@@ -90,7 +89,6 @@ def evaluate(
 
 
 def _show(result: truejoint.evaluation.Evaluation) -> None:
-    """Print the tables and the verdict."""
     out.print(truejoint.evaluation.score_table(result))
     for name, note in result.baseline_notes.items():
         say(f"{name}: {note}")
@@ -108,7 +106,6 @@ def _show(result: truejoint.evaluation.Evaluation) -> None:
 
 
 def _show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> None:
-    """Print a verdict with its reasons, after a `title`."""
     out.print(f"{title}{verdict.text}", style=_STYLES[verdict.level])
     for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
         out.print(f"  {line}")
@@ -117,7 +114,6 @@ def _show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> Non
 def _compare(
     paths: list[str], recordings: list[str], how: Judging, data_check: DataCheck, files: Files
 ) -> Result:
-    """Compare models on the same recordings."""
     if twice := sorted({path for path in paths if paths.count(path) > 1}):
         raise CalibrationError(f"{', '.join(twice)}: named twice; give each model once")
     if not recordings:
@@ -186,7 +182,7 @@ def check(
     level_percent: float | None = None,
 ) -> Result:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    stated = options.share(level_percent)
+    stated = share(level_percent)
     calibration = truejoint.read_calibration(model)
     loaded = live.read(recording, files, calibration)
     with progress("Comparing with the truth"):

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import out, progress
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, share
 from truejoint.cli.recording_options import Files
 from truejoint.errors import ExportError
 from truejoint.files import check_folder, check_target
@@ -37,7 +36,7 @@ def export(
     --to urdf, write your URDF (--urdf) with the calibration's fixed offsets in its joints; with
     --to scaled-urdf, with each joint's scale as well, as a joint behind it that mimics it.
     """
-    stated = {"level": options.share(level_percent), "on_fault": on_fault}
+    stated = {"level": share(level_percent), "on_fault": on_fault}
     how: dict[str, Any] = {k: v for k, v in stated.items() if v not in (None, "hold")}
     values = {"profile": profile or None, "prefix": prefix, "urdf": urdf}
     if kind in _OF_ONE_OPTION:
@@ -76,7 +75,6 @@ def export(
 
 
 def _export_bag(name: str, output: Path, profile: str | None, *, force: bool) -> Result:
-    """Write a recording as a ROS bag."""
     check_target(output, overwrite=force)
     recording = Files().one(name)
     with progress(f"Writing {output}"):
@@ -89,7 +87,6 @@ def _export_bag(name: str, output: Path, profile: str | None, *, force: bool) ->
 def _export_urdf(
     name: str, output: Path, urdf: Path | None, *, scale: bool = False, force: bool
 ) -> Result:
-    """Write a URDF with a calibration's fixed offsets, and its scales if wanted."""
     if urdf is None:
         raise ExportError("--to urdf needs --urdf, the URDF that is to have the offsets")
     calibration = truejoint.read_calibration(name)
@@ -102,7 +99,6 @@ def _export_urdf(
 
 
 def _export_error_model(name: str, output: Path, prefix: str | None, *, force: bool) -> Result:
-    """Learn an error model of a recording; write its model file and its C source."""
     check_folder(output, error=ExportError)
     recording = Files().one(name)
     robot = recording.robot

@@ -97,7 +97,6 @@ def _write(
     new: NewModel,
     facts: dict[str, Any],
 ) -> Result:
-    """Write the calibration at a zero, and print that."""
     new.write(calibration.at(zero))
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
     offsets = zip(calibration.joints, units, zero.shift, zero.deviation, strict=True)

@@ -105,7 +105,6 @@ def _show(result: "StudyResult") -> None:
 
 
 def _listed() -> Result:
-    """Print every study with its options."""
     listed = {}
     for study in STUDIES.values():
         options, source = {o.name: shown(o.default) for o in study.options}, study.source or "ours"

@@ -102,7 +102,6 @@ def _from_terminal(operator: "Teleoperation") -> int:
 
 
 def _picture(operator: "Teleoperation") -> Any:
-    """Key map, positions and what is held."""
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text

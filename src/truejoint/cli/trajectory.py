@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 import truejoint
-from truejoint.cli import options
 from truejoint.cli.console import say
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, get_robot
 from truejoint.cli.show import tell_trajectory
 from truejoint.errors import TrajectoryError, unknown
 from truejoint.files import check_target
@@ -77,7 +76,7 @@ def trajectory(
     """Make a trajectory for an arm to follow; `truejoint show` describes one."""
     if kind not in KINDS:
         raise TrajectoryError(unknown("kind of trajectory", kind, KINDS))
-    arm = options.get_robot(robot or ("forceps" if kind == "nested" else DEFAULT))
+    arm = get_robot(robot or ("forceps" if kind == "nested" else DEFAULT))
     made = shape.make(kind, arm)
     for path in filter(None, (output, plot)):
         check_target(path, overwrite=force)

@@ -386,7 +386,6 @@ class Compensator:
                 yield rows
 
     def _untrusted(self) -> CommandRefused:
-        """Error that the corrector is not believed, now or ever."""
         why, advice = self.trouble, "lower its gain, lengthen its integral time"
         if not self.knows_lost:
             why = f"it is not known where the joints are: {self.status.name}"
