@@ -7,6 +7,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,12 @@ def messages(tree: ast.AST) -> Iterator[tuple[int, str]]:
                     yield node.lineno, literal(argument).replace("; ", ".\n\n")
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Syntax of a module, which two tests read."""
+    return ast.parse(path.read_text("utf-8"))
+
+
 def public_names() -> dict[Path, set[str]]:
     """Names that packages export, by the file that defines them."""
     names: dict[Path, set[str]] = {}
@@ -155,7 +162,7 @@ def test_help_texts_are_in_plain_english() -> None:
 def test_messages_of_errors_are_in_plain_english() -> None:
     wrong, number = {}, 0
     for path in sorted(SOURCE.rglob("*.py")):
-        for line, text in messages(ast.parse(path.read_text("utf-8"))):
+        for line, text in messages(parsed(path)):
             number += 1
             for each in sentences(text):
                 if rules := broken_rules(each):
@@ -167,7 +174,7 @@ def test_messages_of_errors_are_in_plain_english() -> None:
 def test_docstrings_of_public_names_are_in_plain_english() -> None:
     wrong, number = {}, 0
     for path, names in public_names().items():
-        for name, text in documented(ast.parse(path.read_text("utf-8")), names):
+        for name, text in documented(parsed(path), names):
             number += 1
             for each in sentences(prose(text)):
                 if rules := broken_rules(each):
