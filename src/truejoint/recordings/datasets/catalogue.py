@@ -2,7 +2,7 @@
 
 import csv
 import io
-import tomllib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -11,6 +11,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from truejoint.errors import RecordingError, unknown
+from truejoint.toml_file import shipped_table
 
 RAW_HOST: Final = "https://raw.githubusercontent.com"
 
@@ -182,17 +183,40 @@ def get_dataset(name: str) -> Dataset:
 
 
 def _load() -> dict[str, Dataset]:
-    package = files(__package__)
-    catalogue = tomllib.loads((package / "catalogue.toml").read_text("utf-8"))
-    recordings: dict[str, dict[str, list[DatasetFile]]] = {name: {} for name in catalogue}
-    for row in csv.DictReader(io.StringIO((package / "files.csv").read_text("utf-8"))):
+    recordings: dict[str, dict[str, tuple[DatasetFile, ...]]] = {}
+    text = files(__package__).joinpath("files.csv").read_text("utf-8")
+    for row in csv.DictReader(io.StringIO(text)):
         file = DatasetFile(row["file"], row["upstream"], int(row["bytes"]), row["sha256"])
-        recordings[row["dataset"]].setdefault(row["recording"], []).append(file)
-    for name, values in catalogue.items():
-        values["features"] = tuple(values.get("features", ()))
-        values["splits"] = tuple(HeldOut(**split) for split in values.get("splits", ()))
-        values["recordings"] = {key: tuple(part) for key, part in recordings[name].items()}
-    return {name: Dataset(name, **values) for name, values in catalogue.items()}
+        of_set = recordings.setdefault(row["dataset"], {})
+        of_set[row["recording"]] = (*of_set.get(row["recording"], ()), file)
+    datasets = {}
+    for name, values in shipped_table(__package__, "catalogue.toml").items():
+        splits = tuple(HeldOut(**split) for split in values.get("splits", ()))
+        layouts = tuple(
+            row | {"map": {"robot": values["robot"], **_column_map(row["map"])}}
+            for row in values["layouts"]
+        )
+        about = {"features": (), **values, "splits": splits, "layouts": layouts}
+        datasets[name] = Dataset(name, recordings=recordings[name], **about)
+    return datasets
+
+
+def _column_map(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Column map in which each channel has an entry of its own."""
+    columns = {}
+    for names, entry in table["columns"].items():
+        quantity, slash, channels = names.partition("/")
+        about = entry if isinstance(entry, Mapping) else {"column": entry}
+        for k, channel in enumerate(channels.split() or [""]):
+            columns[quantity + slash + channel] = {**about, "column": _behind(about["column"], k)}
+    return {**table, "columns": columns}
+
+
+def _behind(column: str | int, k: int) -> str | int:
+    """Give the column that is `k` behind another, as ``q[2]`` is two behind ``q[0]``."""
+    if isinstance(column, int):
+        return column + k
+    return re.sub(r"\d+(?=\]$)", lambda number: str(int(number[0]) + k), column)
 
 
 DATASETS: Final[Mapping[str, Dataset]] = _load()
