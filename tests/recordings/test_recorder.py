@@ -1,5 +1,5 @@
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from tests.recordings.refusals import refused
 
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.recordings import Recorder, read_recording
-from truejoint.recordings.recorder import PAST_END, REHOMED, Decimator, _joined
+from truejoint.recordings.recorder import PAST_END, REHOMED, Decimator
 from truejoint.recordings.table.stream import AFTER, BACK, Stream
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
@@ -262,18 +262,14 @@ def test_a_forceps_is_recorded_with_all_that_its_twin_reads():
     assert not recording.joints_of("effort")
 
 
-def test_what_comes_while_rows_are_joined_waits_for_the_next_time():
-    pieces: list[Stream] = []
+def test_what_comes_while_rows_are_joined_waits_for_the_next_time(arm):
+    class Growing(list[Stream]):
+        def __iter__(self) -> Iterator[Stream]:
+            yield from [self[k] for k in range(len(self))]
+            self.append(Stream(self[-1].t + 1.0, self[-1].columns))
 
-    class Late(dict[str, Any]):
-        def __getitem__(self, name: str) -> Any:
-            pieces.append(Stream(np.array([2.0]), {"measured/jaw": np.array([0.2])}))
-            return super().__getitem__(name)
-
-    first = Stream(np.array([1.0]), {"measured/jaw": np.array([0.1])})
-    object.__setattr__(first, "columns", Late(first.columns))
-    pieces.append(first)
-    joined = _joined(pieces)
-    assert joined is not None
-    assert joined.t.tolist() == [1.0]
+    recorder = Recorder(arm)
+    pieces = Growing([Stream(np.array([1.0, 1.1]), {"measured/jaw1": np.array([0.1, 0.2])})])
+    recorder._pieces["state"] = pieces
+    assert recorder.recording().t.tolist() == pytest.approx([0.0, 0.1])
     assert len(pieces) == 2

@@ -4,7 +4,7 @@ import logging
 import math
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol, Self
@@ -178,7 +178,9 @@ class Recorder:
             notes=self._stopped,
             dropped={PAST_END: self._past_end, REHOMED: self._rehomed},
         )
-        state, truth = (_joined(self._pieces[name]) for name in _STREAMS)
+        # Others may come in another thread meanwhile.
+        pieces = [tuple(self._pieces[name]) for name in _STREAMS]
+        state, truth = (Stream.joined(part) if part else None for part in pieces)
         robot, limit = self.arm.robot, self.gap_limit
         return stream_file.recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
 
@@ -241,13 +243,3 @@ class Recorder:
             self._pieces[name].append(piece)
             if self._stream is not None and len(piece.t):
                 self._stream.write(name, piece.t, piece.columns)
-
-
-def _joined(pieces: Sequence[Stream]) -> Stream | None:
-    """One stream of its pieces; None without any."""
-    pieces = tuple(pieces)  # others may come in another thread meanwhile
-    if not pieces:
-        return None
-    names = pieces[0].columns
-    columns = {name: np.concatenate([p.columns[name] for p in pieces]) for name in names}
-    return Stream(np.concatenate([piece.t for piece in pieces]), columns)

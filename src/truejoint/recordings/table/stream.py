@@ -9,6 +9,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.errors import RecordingError, other_kind
 from truejoint.recordings.table.recording import MISSING
+from truejoint.robots.blocks import Block
 
 # Below this share of its brisk speed (99th percentile) a joint counts as standing.
 STANDING: float = 0.02
@@ -55,7 +56,7 @@ _MAX_LOST: Final = 0.1  # largest share of rows that a clock which jumps may cos
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class Stream(Block):
     """Columns with time stamps of their own.
 
     Attributes

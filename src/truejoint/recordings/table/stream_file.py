@@ -82,7 +82,7 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
     as it was written.
     """
     source = require_file(Path(path))
-    parts: dict[str, tuple[list[str], list[Array]]] = {}
+    parts: dict[str, list[Stream]] = {}
     end, total = _CUT_SHORT, 0
     try:
         with source.open("rb") as file:
@@ -99,17 +99,14 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                 total += rows.size
                 if total > MAX_VALUES:
                     raise RecordingError(f"{source}: more than {MAX_VALUES} values; record less")
-                names, of_stream = parts.setdefault(name, (columns, []))
-                if names != columns:
+                t, *values = rows.T
+                piece = Stream(t, dict(zip(columns, values, strict=True)))
+                parts.setdefault(name, []).append(piece)
+                if piece.columns.keys() != parts[name][0].columns.keys():
                     raise RecordingError(f"{source}: the columns of {name} change on the way")
-                of_stream.append(rows)
     except OSError as error:
         raise RecordingError(f"{source}: cannot be read: {reason(error)}") from None
-    streams = {}
-    for stream, (names, pieces) in parts.items():
-        t, *values = np.concatenate(pieces).T
-        streams[stream] = Stream(t, dict(zip(names, values, strict=True)))
-    return header, streams, end
+    return header, {name: Stream.joined(pieces) for name, pieces in parts.items()}, end
 
 
 def _blocks(source: Path, file: BinaryIO) -> Iterator[tuple[dict[str, Any], Array]]:
