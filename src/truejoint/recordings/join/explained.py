@@ -63,10 +63,6 @@ class Explained:
     spread: float  # of the residual, robust [rad or m]
     samples: tuple[Sample, ...]
 
-    def scaled(self, inputs: Array) -> Array:
-        """Take the centre from inputs (m, k) and divide by their standard deviations."""
-        return np.asarray((inputs - self.centre) / self.scale)
-
     def residual(self, recording: Recording) -> Array:
         """Residual (n,) of every row about its median; NaN where there is no truth."""
         values = self.features.compute(recording)

@@ -41,9 +41,6 @@ def judge_columns(
         if used and values.min() == values.max():
             what = f"the signal is {values[0]:.4g} in every row"
             yield Defect("warn", "constant", what, name, size=1.0)
-    # Where the motor was sent; NaN where nothing says so, and it may have moved. Under a stated
-    # load without a set-point it counts as sent nowhere while it stands.
-    nowhere = np.full(len(recording), 0.0 if recording.provenance.load > 0.0 else math.nan)
     for joint in joints:
         measured = recording.column(f"measured/{joint}")
         yield from _jumps(recording, f"measured/{joint}", np.arange(len(recording)))
@@ -62,10 +59,7 @@ def judge_columns(
         if len(rows) >= 2:
             yield from _jumps(recording, f"truth/{joint}", rows)
         if len(rows) >= _FEWEST:
-            target = np.asarray(recording.table.get(f"setpoint/{joint}", nowhere))
-            effort = np.asarray(recording.table.get(f"effort/{joint}", np.zeros(len(recording))))
-            columns = truth[rows], measured[rows], target[rows], effort[rows]
-            yield from _stands(joint, recording.t, rows, *columns)
+            yield from _stands(recording, joint, rows)
 
 
 def _clock(t: Array) -> Iterable[Defect]:
@@ -116,9 +110,8 @@ def _missing_truth(t: Array, joint: str, has_truth: Mask) -> Iterable[Defect]:
     share = 1.0 - float(has_truth.mean())
     if share > 0.05:
         what = f"{100 * share:.0f} % of the rows have no true position"
-        advice = "only rows with truth are used; check the joint sensor and its clock"
         level: Level = "fail" if share > 0.5 else "warn"
-        yield Defect(level, "missing", what, f"truth/{joint}", advice, size=share)
+        yield Defect(level, "missing", what, f"truth/{joint}", size=share)
     silent = float(t[-1] - t[has_truth][-1]) if has_truth.any() else 0.0
     if silent > 0.1 * (t[-1] - t[0]):
         what = f"the truth stops {silent:.1f} s before the end"
@@ -153,22 +146,21 @@ def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
     yield Defect("fail" if wrapped else "warn", kind, what, name, rows=where, size=largest)
 
 
-def _stands(
-    joint: str,
-    t: Array,
-    rows: Integers,
-    truth: Array,
-    measured: Array,
-    target: Array,
-    effort: Array,
-) -> Iterable[Defect]:
-    """Find a sensor that repeats one value while the other end of the cable moves far.
+def _stands(recording: Recording, joint: str, rows: Integers) -> Iterable[Defect]:
+    """Find a sensor that repeats one value, in `rows` with truth, while its joint moves far.
 
     At an end of its own range it is saturated, and the other end needs to move only outwards and
     only a little: at a turning point with slack it moves back. A motor that stands where it was
-    `target` to is none, though a load turns its joint; but from where it stands it goes on without
-    a leap. A truth that stands while the motor pushes as it does nowhere else is at a stop.
+    sent is none, though a load turns its joint; but from where it stands it goes on without a leap.
+    A truth that stands while the motor pushes as it does nowhere else is at a stop.
     """
+    t, table, count = recording.t, recording.table, len(recording)
+    truth, measured = (table[f"{q}/{joint}"].to_numpy()[rows] for q in ("truth", "measured"))
+    # Where the motor was sent; NaN where nothing says so, and it may have moved. Under a stated
+    # load without a set-point it counts as sent nowhere while it stands.
+    nowhere = np.full(count, 0.0 if recording.provenance.load > 0.0 else math.nan)
+    target = np.asarray(table.get(f"setpoint/{joint}", nowhere))[rows]
+    effort = np.asarray(table.get(f"effort/{joint}", np.zeros(count)))[rows]
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
         span = float(np.ptp(other))
         repeats = runs(np.diff(still) == 0.0)

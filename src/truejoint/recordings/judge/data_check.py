@@ -216,16 +216,14 @@ def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
     homings = sorted({r.provenance.homing_id for r in recordings} - {""})
     if len(homings) > 1:
         what = f"{len(homings)} homings ({', '.join(homings[:4])})"
-        advice = "positions of two homings differ by an offset; re-zero or calibrate each by itself"
-        yield Finding("warn", "homing", what, _EVERYWHERE, advice)
+        yield Finding("warn", "homing", what, _EVERYWHERE)
     loads = [r.provenance.load for r in recordings if np.isfinite(r.provenance.load)]
     unknown = len(recordings) - len(loads)
     masses = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
     if unknown:
         what = f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
         what += f"; elsewhere {masses}" if masses else ""
-        advice = "state it when recording: cables stretch with load"
-        yield Finding("info", "load", what, _EVERYWHERE, advice)
+        yield Finding("info", "load", what, _EVERYWHERE)
     elif len(set(loads)) == 1:
         advice = "accuracy under another load is not shown by these data"
         yield Finding("info", "load", f"one load only: {masses}", _EVERYWHERE, advice)
@@ -268,9 +266,8 @@ def _strange(
         if times > _STRANGE:
             level: Level = "fail" if times > _ANOTHER else "warn"
             what = f"they lie {times:.0f} times as far from the training's middle as those in it"
-            advice = "is it of another instrument, mounting, unit or motion than the training?"
-            if level == "fail":
-                advice = "it is of another instrument, mounting or unit: calibrate that one"
+            surely = "it is of another instrument, mounting or unit: calibrate that one"
+            advice = surely if level == "fail" else ""
             yield Defect(level, "instrument", what, "signals", advice, size=times), recording
 
 
@@ -322,8 +319,7 @@ def _judge_coverage(row: JointCoverage) -> Iterable[Finding]:
         yield Finding("warn", "directions", what, row.joint)
     if row.standing > 0.5:
         what = f"the joint stands still in {100 * row.standing:.0f} % of the rows"
-        advice = "many equal rows outweigh the moving ones; cut long rests or record more motion"
-        yield Finding("warn", "standstill", what, row.joint, advice)
+        yield Finding("warn", "standstill", what, row.joint)
     if row.filled < 0.9:
         what = f"{100 * (1 - row.filled):.0f} % of the range between its ends was hardly visited"
         yield Finding("warn", "hole", what, row.joint)

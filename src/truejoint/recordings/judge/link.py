@@ -5,7 +5,7 @@ Stamps, counts of lost rows, efforts and the other arm tell what the columns alo
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,7 +15,7 @@ from truejoint.crtk.cartesian import pose
 from truejoint.errors import RecordingError
 from truejoint.recordings.join.joining import find_clock_offset
 from truejoint.recordings.judge.data_check import DataCheck, check_data
-from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding, Level
+from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import Recording, as_recording
@@ -41,21 +41,20 @@ def judge_tool_pose(recording: Recording, reported: Track | None) -> Finding | N
     robot, chain = recording.robot, recording.robot.kinematics
     if reported is None or chain is None:
         return None
-    moves = np.abs(chain.jacobian(robot.home)).max(axis=0) > 0.0
-    names = [robot.joint_names[k] for k in np.flatnonzero(moves)]
+    moving = np.flatnonzero(np.abs(chain.jacobian(robot.home)).max(axis=0) > 0.0)
+    columns = {k: f"measured/{robot.joint_names[k]}" for k in moving.tolist()}
     t = reported.t - recording.provenance.start
     rows = np.flatnonzero((t >= recording.t[0]) & (t <= recording.t[-1]))
-    if not set(names) <= set(recording.joints_of("measured")) or len(rows) < _FEWEST:
+    if not {*columns.values()} <= {*recording.table} or len(rows) < _FEWEST:
         return None
     joint = np.zeros((len(rows), len(robot.joints)))
-    for name in names:
-        column = recording.column(f"measured/{name}")
-        joint[:, robot.joint_names.index(name)] = np.interp(t[rows], recording.t, column)
+    for k, name in columns.items():
+        joint[:, k] = np.interp(t[rows], recording.t, recording.column(name))
     position, expected = reported.position[rows], pose(chain, joint)
     if np.ptp(expected[:, :3, 3], axis=0).max() < _LEAST_OF_TOOL:
         return None
     off = _rms(position - expected[:, :3, 3])
-    rest, base = _registered(expected[:, :3, 3], position)
+    rest, _, base = _registered(expected[:, :3, 3], position)
     says = "the tool that the robot reports is {:.3g} mm (RMS) from where its joints put it"
     if min(off, rest) < _AGREES:
         in_base = "" if off < _AGREES else f", in a base frame {base}"
@@ -85,8 +84,7 @@ def _causes(robot: Robot, joint: Array, position: Array) -> Iterator[tuple[float
         turn, missing = frames[:, k, :3, :3], place
         longer = np.zeros(3)
         for _ in range(_ROUNDS):  # of Gauss and Newton: base frame and link together
-            _, base = _registered(place + turn @ longer, position)
-            registered = base.into(position)
+            _, registered, _ = _registered(place + turn @ longer, position)
             missing = registered - place
             turned = np.swapaxes(np.cross(np.eye(3), registered[:, None]), 1, 2)
             slopes = np.concatenate(
@@ -101,28 +99,16 @@ def _causes(robot: Robot, joint: Array, position: Array) -> Iterator[tuple[float
         yield _rms(missing - turn @ longer), f"{remedy} axis' frame: is it another instrument?"
 
 
-class _Base(NamedTuple):
-    """Where one frame stands in another."""
-
-    turn: Rotation
-    shift: Array  # (3,) [m]
-
-    def __str__(self) -> str:
-        x, y, z = (1e3 * self.shift).round(1) + 0.0
-        angle = np.degrees(self.turn.magnitude())
-        return f"turned by {angle:.3g} deg and shifted by ({x:.1f}, {y:.1f}, {z:.1f}) mm"
-
-    def into(self, position: Array) -> Array:
-        """Points (n, 3) [m] of the other frame in this one."""
-        return np.asarray(self.turn.inv().apply(position - self.shift))
-
-
-def _registered(place: Array, position: Array) -> tuple[float, _Base]:
-    """Bring points (n, 3) [m] onto others: what is left [m] (RMS), and the base."""
+def _registered(place: Array, position: Array) -> tuple[float, Array, str]:
+    """Bring points `position` (n, 3) [m] onto others: what is left [m] (RMS), they, their base."""
     about, there = place.mean(axis=0), position.mean(axis=0)
     turn, _ = Rotation.align_vectors(position - there, place - about)
-    base = _Base(turn, there - turn.apply(about))
-    return _rms(base.into(position) - place), base
+    shift = there - turn.apply(about)
+    registered = np.asarray(turn.inv().apply(position - shift))
+    x, y, z = (1e3 * shift).round(1) + 0.0
+    angle = np.degrees(turn.magnitude())
+    base = f"turned by {angle:.3g} deg and shifted by ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+    return _rms(registered - place), registered, base
 
 
 def _rms(difference: Array) -> float:
@@ -142,7 +128,6 @@ _BRAKING: Final = -0.2  # share of the work of an effort that brakes what it sho
 _OVERLAP: Final = 0.5  # share of the rows that must have a truth at their time
 _LEAST_MOTION: Final = 0.005  # of its travel (or of 1 rad or m), by which a joint that moves does
 
-_POSITIONS: Final = ("measured", "truth")
 _NEED_MOTION: Final = ("arm", "effort-sign", "frozen", "delay")
 _TAKE_MOTION: Final = ("frozen", "saturated", "delay", "sign", "outliers", "jump")
 
@@ -222,7 +207,7 @@ def _moves(recording: Recording, joint: str) -> bool:
     limits, table = recording.robot.joint(joint), recording.table
     travel = limits.upper - limits.lower
     least = _LEAST_MOTION * (travel if math.isfinite(travel) else 1.0)
-    columns = [table[f"{q}/{joint}"] for q in _POSITIONS if f"{q}/{joint}" in table]
+    columns = [table[f"{q}/{joint}"] for q in ("measured", "truth") if f"{q}/{joint}" in table]
     return any(column.max() - column.min() > least for column in columns)
 
 
@@ -241,8 +226,8 @@ def _judge_drops(recording: Recording) -> Iterable[Finding]:
     if counts:
         share = sum(counts.values()) / (len(recording) + sum(counts.values()))
         what = ", ".join(f"{count} times {reason}" for reason, count in counts.items())
-        level: Level = "fail" if share > _STRAY else "warn"
-        yield Finding(level, "stamps", f"{what} ({100 * share:.2g} % of the messages)", "")
+        what += f" ({100 * share:.2g} % of the messages)"
+        yield Finding("fail" if share > _STRAY else "warn", "stamps", what, "")
     if homing := dropped.get(AMID, 0):
         longest = int(np.argmax(np.diff(recording.t)))
         what = f"{homing} rows of homing, after {recording.t[longest]:.1f} s it seems"
@@ -268,7 +253,6 @@ def _likeness(recording: Recording, truth: Recording, joints: Sequence[str]) -> 
 def _judge_arm(
     recording: Recording, other: Recording | None, truth: Sequence[str]
 ) -> Iterable[Finding]:
-    """Judge whether the truth is of this arm or of the other one."""
     share = _likeness(recording, recording, truth)
     other_share = math.nan if other is None else _likeness(other, recording, truth)
     if math.isnan(share):
@@ -283,7 +267,6 @@ def _judge_arm(
 
 
 def _judge_effort(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
-    """Judge whether there is an effort, and whether it was ever set."""
     with_effort = [joint for joint in joints if joint in recording.joints_of("effort")]
     unset = [joint for joint in with_effort if not recording.column(f"effort/{joint}").any()]
     if not with_effort:
@@ -336,7 +319,6 @@ def _work_share(recording: Recording, joint: str, effort: Array) -> float:
 
 
 def _judge_overlap(recording: Recording, truth: Sequence[str]) -> Iterable[Finding]:
-    """Judge whether state and truth are of the same time."""
     if not truth:
         advice = "name its topic or file (--truth), or calibrate with one that has it"
         yield Finding("info", "missing", "there is none", "", advice)

@@ -24,7 +24,7 @@ from truejoint.recordings.join.explained import (
 from truejoint.recordings.join.lag import LATE, Lag, lags_alone_and_together
 from truejoint.recordings.judge.columns import pushes
 from truejoint.recordings.judge.finding import Defect, Finding, Level, Rows, one_line_each
-from truejoint.recordings.table.recording import Recording
+from truejoint.recordings.table.recording import Recording, runs
 from truejoint.recordings.table.stream import direction
 from truejoint.robots import Joint
 from truejoint.units import display_unit, plural, shown
@@ -66,26 +66,26 @@ def judge_positions(
 
     A redundant sensor that is none of the `signals` that a model reads is no failure.
     """
-    broken = {
-        (id(recording), defect.where.partition("/")[2])
-        for defect, recording in columns
-        if defect.name in ("wrap", "frozen", "saturated")
-    }
-    marked = [pair for pair in columns if pair[0].name == "stop"]
     scales = [
-        (defect, recording, joint)
+        (defect, recording)
         for joint in joints
         for widest in [max(np.ptp(_range(r.column(f"measured/{joint}"))) for r in recordings)]
         for recording in recordings
         for defect in _judge_scale(recording, joint, float(widest))
     ]
-    marked += [(defect, recording) for defect, recording, _ in scales]
-    broken |= {(id(r), joint) for defect, r, joint in scales if defect.level == "fail"}
+    off = [pair for pair in columns if pair[0].name in ("wrap", "frozen", "saturated")]
+    off += [pair for pair in scales if pair[0].level == "fail"]
+    broken = {(id(recording), defect.where.partition("/")[2]) for defect, recording in off}
+    marked = [pair for pair in columns if pair[0].name == "stop"] + scales
     judged = {joint: [r for r in recordings if (id(r), joint) not in broken] for joint in joints}
     truths = []
     for joint, sound_ones in judged.items():
-        moving, at_stops = _apart_from_stops(sound_ones, joint)
-        marked += at_stops
+        moving = []
+        for recording in sound_ones:
+            if _tells(recording, f"truth/{joint}"):
+                apart, stops = apart_from_stops(recording, joint)
+                marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
+                moving += [apart] if _tells(apart, f"truth/{joint}") else []
         if moving:
             truths.append((moving, explain(moving, joint)))
     delays, late = _judge_delay(truths, recordings)
@@ -103,19 +103,6 @@ def judge_positions(
     marked += [(defect, r) for r in recordings for defect in _judge_swapped(r, joints)]
     yield from one_line_each(marked, recordings)
     yield from delays
-
-
-def _apart_from_stops(
-    recordings: Sequence[Recording], joint: str
-) -> tuple[list[Recording], list[Marked]]:
-    """Keep recordings with a truth of `joint`, without it at a stop; and give the stops."""
-    moving, marked = [], []
-    for recording in recordings:
-        if _tells(recording, f"truth/{joint}"):
-            apart, stops = apart_from_stops(recording, joint)
-            marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
-            moving += [apart] if _tells(apart, f"truth/{joint}") else []
-    return moving, marked
 
 
 def _tells(recording: Recording, column: str) -> bool:
@@ -155,16 +142,12 @@ def _judge_slopes(recordings: Sequence[Recording], joint: str) -> Iterable[Marke
 def _judge_swapped(recording: Recording, joints: Sequence[str]) -> Iterable[Defect]:
     """Find two channels of one quantity that follow each other's joint in place of their own."""
     moving = [j for j in joints if np.ptp(recording.column(f"measured/{j}")) > 0.0]
-    if len(moving) < 2:
-        return
-    position = np.column_stack([recording.column(f"measured/{j}") for j in moving])
     for quantity in ("truth", "motor", "driver", "setpoint", "effort"):
         there = [j for j in moving if f"{quantity}/{j}" in recording.units]
         if len(there) < 2:
             continue
-        signals = recording.columns(quantity, there)
+        signals, theirs = recording.columns(quantity, there), recording.columns("measured", there)
         rows = np.isfinite(signals).all(axis=1)
-        theirs = position[:, [moving.index(j) for j in there]]
         if quantity == "effort":  # friction goes with the direction
             theirs = direction(recording.t, theirs)
         signals, theirs = signals[rows], theirs[rows]
@@ -194,9 +177,9 @@ def _at_once(recording: Recording, late: float) -> Recording:
 
 
 def _at_stop(stop: Stop, recording: Recording, joint: str) -> Defect:
-    unit, rows = recording.units[f"truth/{joint}"], _row_ranges(stop.rows)
-    effort = recording.table.get(f"effort/{joint}", np.zeros(len(recording)))
     at_stop = np.isin(np.arange(len(recording)), stop.rows)
+    unit, rows = recording.units[f"truth/{joint}"], tuple(runs(at_stop))
+    effort = recording.table.get(f"effort/{joint}", np.zeros(len(recording)))
     repeats = not np.ptp(recording.column(f"truth/{joint}")[at_stop])
     saturated = repeats and not pushes(np.asarray(effort), at_stop)
     what = (
@@ -227,7 +210,7 @@ def _judge_steps(
     unit, t, steps = recording.units[column], recording.t, find_steps(recording, explained, share)
     slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     if len(steps.outliers):
-        rows = _row_ranges(steps.outliers)
+        rows = tuple(runs(np.bincount(steps.outliers) > 0))
         most = shown(float(np.abs(steps.size).max()), unit)
         weight = float(np.sqrt((steps.size**2).sum() / len(recording)))
         what = (
@@ -243,12 +226,6 @@ def _judge_steps(
         advice = "cut the start off" if begins else "cut the recording there, or record again"
         level, kind = "warn" if begins or slow else "fail", "start" if begins else name
         yield Defect(level, kind, what, column, advice, rows, abs(float(rise)))
-
-
-def _row_ranges(rows: Integers) -> Rows:
-    """Ranges, first and one behind the last, of rising row numbers (n,)."""
-    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    return tuple((int(part[0]), int(part[-1]) + 1) for part in parts)
 
 
 def _row_text(ranges: Rows) -> str:
@@ -394,9 +371,8 @@ def _judge_pair(truth: Array, reported: Array, joint: Joint) -> Defect | None:
 
 def _judge_limits(joint: Joint, low: float, high: float) -> Iterable[Defect]:
     """Positions far outside the limits are in another unit; a little outside, limits are wrong."""
-    travel, unit = joint.upper - joint.lower, joint.unit
-    name, advice = f"measured/{joint.name}", "is it in {}? state the unit of its column"
-    advice = advice.format(display_unit(unit).name)
+    travel, unit, name = joint.upper - joint.lower, joint.unit, f"measured/{joint.name}"
+    advice = f"is it in {display_unit(unit).name}? state the unit of its column"
     if not math.isfinite(travel):
         if high - low > _FARTHEST.get(unit, math.inf):
             what = f"it spans {high - low:.4g} {unit}, more than a joint moves"
@@ -427,7 +403,7 @@ def left_out_zeros(
     Half the width (n,) of the loop left in each one's residual about it, and the median of the
     spreads of those [rad or m].
     """
-    inputs = [explained.scaled(s.inputs) for s in explained.samples]
+    inputs = [(s.inputs - explained.centre) / explained.scale for s in explained.samples]
     designs = [np.hstack([x, np.ones((len(x), 1))]) for x in inputs]
     pairs = list(zip(designs, explained.samples, strict=True))
     normal = np.array([(d * s.weights[:, None]).T @ d for d, s in pairs])
