@@ -19,7 +19,7 @@ from truejoint.recordings.judge.link import NO_STAMP, diagnose
 from truejoint.recordings.read.bags import assembling
 from truejoint.recordings.read.bags.fields import Lot
 from truejoint.recordings.table.recording import Provenance, Recording
-from truejoint.robots import Robot, get_robot
+from truejoint.robots import get_robot
 
 _PLACE: Final = "live"
 _STEPS: Final = 10.0  # usual steps for which a slow topic may say nothing
@@ -65,7 +65,7 @@ class LiveLink:
             raise RecordingError(
                 f"{_PLACE}: nobody says anything of joints; start the robot's node"
             )
-        _, self._expected = self._wire({name: (kind, 1) for name, kind in kinds.items()})
+        self._expected = self._wire({name: (kind, 1) for name, kind in kinds.items()})
         for name, kind in kinds.items():
             self._heard[name] = Heard(name, kind)
             receive = partial(self._receive, self._heard[name])
@@ -79,37 +79,38 @@ class LiveLink:
     def _receive(self, heard: "Heard", message: Any) -> None:
         heard.take(self._transport.now(), self._transport.seconds(message), message)
 
-    def _wire(self, topics: assembling.Topics) -> tuple[Robot, assembling.Wiring]:
+    def _wire(self, topics: assembling.Topics) -> assembling.Wiring:
         robot = assembling.robot_of(_PLACE, topics, self._robot, self._arm)
-        return robot, assembling.find_wiring(_PLACE, topics, robot, **self._how)
+        return assembling.find_wiring(_PLACE, topics, robot, **self._how)
 
     def recordings(self) -> tuple[Recording, Recording | None]:
         """Make the recording of the arm, and of RAVEN-II that of the other arm meanwhile."""
-        robot, wiring = self._wiring()
-        recording = self._recording(robot, wiring)
+        wiring = self._wiring()
+        recording, robot = self._recording(wiring), wiring.robot
         if not self._heard[wiring.state].is_raven or robot.arm not in ARMS:
             return recording, None
         other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
-        meanwhile = assembling.Wiring(wiring.state, profile=wiring.profile)
-        return recording, self._recording(other, meanwhile)
+        meanwhile = assembling.Wiring(other, wiring.state, profile=wiring.profile)
+        return recording, self._recording(meanwhile)
 
     def diagnose(self) -> DataCheck:
         """Judge the link, and what came over it (`truejoint.recordings.diagnose`)."""
-        heard = [self._heard[name] for name in self._wiring()[1].joints]
+        heard = [self._heard[name] for name in self._wiring().joints]
         link = judge_link(heard, self._ended)
         return diagnose(*self.recordings()).with_findings([link])
 
-    def _wiring(self) -> tuple[Robot, assembling.Wiring]:
+    def _wiring(self) -> assembling.Wiring:
         self._heard[self._expected.state].check()
         return self._wire({n: (topic.kind, len(topic.times)) for n, topic in self._heard.items()})
 
-    def _recording(self, robot: Robot, wiring: assembling.Wiring) -> Recording:
+    def _recording(self, wiring: assembling.Wiring) -> Recording:
         heard = [self._heard[name] for name in wiring.joints]
         lost = {f"{topic.name}: {NO_STAMP}": topic.invalid for topic in heard}
+        robot = wiring.robot
         origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
         homed = [self._heard[wiring.homed]] if wiring.homed else []
         lots = (lot for topic in (*heard, *homed) for lot in topic.lots())
-        return assembling.assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
+        return assembling.assemble(lots, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
 
 
 class Heard:
@@ -186,8 +187,7 @@ def judge_link(heard: Sequence[Heard], ended: float) -> Finding:
         if silent > max(SILENCE, _STEPS * float(np.median(step))):
             stopped.append(f"{topic.name} stopped {silent:.1f} s before the end")
     if stopped:
-        advice = "does its node still run, and the network?"
-        return Finding("fail", "link", "; ".join([*stopped, *rates]), "", advice)
+        return Finding("fail", "link", "; ".join([*stopped, *rates]), "")
     evidence = "; ".join(rates)
     if abs(late) > _CLOCK:
         advice = (

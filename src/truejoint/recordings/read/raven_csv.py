@@ -27,8 +27,6 @@ from truejoint.robots import Robot, get_robot
 from truejoint.toml_file import shipped_table
 
 STATE_COLUMNS: Final = 240
-# In a training file external encoders of shoulder, elbow and insertion, and the seven joints of
-# CRTK's measured_js, stand before the robot's state.
 COUNTS: Final = (STATE_COLUMNS, 252, 256)
 """Numbers of columns that such files have."""
 EXTERNAL, CRTK, STATE_START = 1, 5, 12
@@ -87,7 +85,7 @@ def read(
     )
     if has_truth:
         table = _with_truth(path, table, truth_zero or ENCODER_ZERO)
-    keep, homing = without_homing(table.columns["state/run_level"])
+    keep, homing = without_homing(table.columns["state/run_level"] == RUN_LEVELS["homing"])
     kept = {name: rows[keep] for name, rows in table.columns.items()}
     dropped = dict(table.dropped)
     cut_short = {mapped.CUT_SHORT: dropped.pop(mapped.CUT_SHORT)}
@@ -136,15 +134,14 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
     return frozen
 
 
-def without_homing(levels: Array) -> tuple[Mask, dict[str, int]]:
-    """Rows (n,) in which the arm does not explore its hard stops, and how many it does, if any.
+def without_homing(is_homing: Mask) -> tuple[Mask, dict[str, int]]:
+    """Rows (n,) in which the arm does not explore its hard stops, and how many it does.
 
-    `levels` (n,) are the state's run levels. Positions after a homing amid them have another zero.
+    Positions after a homing amid them have another zero.
     """
-    keep = np.asarray(levels != RUN_LEVELS["homing"])
-    amid = ~keep & np.logical_or.accumulate(keep)
-    counts = {"homing": int((~keep & ~amid).sum()), AMID: int(amid.sum())}
-    return keep, {reason: count for reason, count in counts.items() if count}
+    amid = is_homing & np.logical_or.accumulate(~is_homing)
+    counts = {"homing": int((is_homing & ~amid).sum()), AMID: int(amid.sum())}
+    return ~is_homing, counts
 
 
 def _state(robot: Robot, start: int = 0) -> dict[str, mapped.MappedColumn]:
@@ -162,10 +159,6 @@ def _state(robot: Robot, start: int = 0) -> dict[str, mapped.MappedColumn]:
 
 def _training(robot: Robot) -> dict[str, mapped.MappedColumn]:
     """Columns of a training file that stand before the robot's state."""
-    sensors = {
-        f"truth/{j}": mapped.MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)
-    }
-    units = enumerate((joint.name, joint.unit) for joint in robot.joints)
-    return {
-        f"crtk/{name}": mapped.MappedColumn(CRTK + k, unit) for k, (name, unit) in units
-    } | sensors
+    joints, sensors = enumerate(robot.joints, CRTK), enumerate(robot.positioning, EXTERNAL)
+    columns = {f"crtk/{joint.name}": mapped.MappedColumn(k, joint.unit) for k, joint in joints}
+    return columns | {f"truth/{joint}": mapped.MappedColumn(k) for k, joint in sensors}

@@ -97,12 +97,12 @@ def test_the_left_arm_is_where_the_profile_says(bag, session):
 
 
 def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
-    names, wiring = {"name": ("jaw",)}, assembling.Wiring("/measured_js", ("/setpoint_js",))
-    lots = []
+    names, robot = {"name": ("jaw",)}, get_robot("davinci_grasper")
+    wiring, lots = assembling.Wiring(robot, "/measured_js", ("/setpoint_js",)), []
     for topic, rows in (("/measured_js", np.arange(40)), ("/setpoint_js", np.arange(30))):
         lots.append(Lot(topic, rows, rows * 10**7 + 1, {"position": rows[:, None] / 40}, names))
-    robot, origin = get_robot("davinci_grasper"), Provenance("davinci_grasper")
-    recording = assembling.assemble(lots, robot, wiring, ("measured",), origin, {}, "here")
+    origin = Provenance("davinci_grasper")
+    recording = assembling.assemble(lots, wiring, ("measured",), origin, {}, "here")
     assert len(recording) == 30
     assert recording.provenance.dropped == {"state: value missing in one of its topics": 10}
 

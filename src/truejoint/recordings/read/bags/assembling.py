@@ -41,8 +41,9 @@ _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
 
 @dataclass(frozen=True)
 class Wiring:
-    """Which topics of a session's bags tell what."""
+    """Which topics of a session's bags tell what of an arm."""
 
+    robot: Robot
     state: str  # of the arm's measured joints, ``raven_state`` or a joint state
     others: tuple[str, ...] = ()  # joint states that add to it: set-points, a jaw of its own
     truth: str = ""  # of joint sensors
@@ -74,8 +75,7 @@ def find_wiring(
     corrected = f"/{messages.CORRECTED}/"
     # Of a dVRK's actuators and sensors, not of its joints.
     of_io = [name for name in topics if chosen.actuators and "/io/" in name.lower()]
-    strangers = {*of_io, *(name for name in topics if corrected in name)}
-    of_robot = {name: about for name, about in topics.items() if name not in strangers}
+    of_robot = {n: about for n, about in topics.items() if n not in of_io and corrected not in n}
     state = state or _find_state(path, of_robot, robot, chosen)
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
@@ -96,7 +96,7 @@ def find_wiring(
     if truth == "":
         others = {name: about for name, about in of_robot.items() if name not in (state, *added)}
         truth = _find_truth(others)
-    return Wiring(state, tuple(added), truth or "", homed, chosen)
+    return Wiring(robot, state, tuple(added), truth or "", homed, chosen)
 
 
 def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: messages.Profile) -> str:
@@ -186,11 +186,11 @@ def robot_of(place: Path | str, topics: Topics, robot: str | Robot, arm: str) ->
 
 _SECOND: Final = 1e9  # ns
 _RAVEN_VALUES: Final = 16  # in each list of RAVEN's state: of both arms
+_HOMING: Final = messages.RUN_LEVELS["homing"]
 
 
 def assemble(
     lots: Iterable[Lot],
-    robot: Robot,
     wiring: Wiring,
     quantities: Collection[str],
     origin: Provenance,
@@ -206,7 +206,7 @@ def assemble(
     them. Raises RecordingError if a topic has no message, or one that is no joint state of the
     robot.
     """
-    series = _series_of(lots, robot, wiring, quantities, place)
+    series = _series_of(lots, wiring, quantities, place)
     for name in filter(None, (wiring.state, wiring.truth)):
         if not series[name].count:
             raise RecordingError(f"{place}: {name} has no message that can be read")
@@ -230,7 +230,7 @@ def assemble(
     dropped |= lost  # counted to the end of the files, which is now
     truth = _stream(series[wiring.truth], base, "truth", dropped) if wiring.truth else None
     provenance = replace(origin, rates=rates, dropped=dropped, notes=_notes(wiring))
-    recording = Recording.from_columns(columns, provenance, robot=robot, copy=False)
+    recording = Recording.from_columns(columns, provenance, robot=wiring.robot, copy=False)
     notes = provenance.notes
     if truth is not None:
         # By stamps, or by motion where they have too little in common.
@@ -242,7 +242,7 @@ def assemble(
 
 
 def _series_of(
-    lots: Iterable[Lot], robot: Robot, wiring: Wiring, quantities: Collection[str], place: str
+    lots: Iterable[Lot], wiring: Wiring, quantities: Collection[str], place: str
 ) -> dict[str, Series]:
     """Columns of the topics of a wiring, by topic."""
     quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {
@@ -256,14 +256,14 @@ def _series_of(
         elif "runlevel" in lot.fields:
             for name in lot.fields.keys() - {"runlevel"}:
                 lot.numbers(name, _RAVEN_VALUES, place)
-            columns = messages.raven_state_columns(robot, lot.fields, quantities)
+            columns = messages.raven_state_columns(wiring.robot, lot.fields, quantities)
             columns["state/run_level"] = lot.numbers("runlevel", 1, place)[:, 0].astype(np.float64)
         else:
             lot.numbers("position", 0, place)
             names, quantity = lot.texts.get("name", ()), quantity_of[lot.topic]
             try:
                 columns = messages.joint_state_columns(
-                    robot, quantity, names, lot.fields, wiring.profile
+                    wiring.robot, quantity, names, lot.fields, wiring.profile
                 )
             except RobotError as error:
                 raise RecordingError(f"{place}: {lot.topic}: {error}") from None
@@ -282,9 +282,8 @@ def _columns(series: Series, base: int, name: str, dropped: dict[str, int]) -> d
     stamps, columns = series.joined()
     last = last_of_each_stamp(stamps)
     levels = columns.get("state/run_level")
-    keep, homing = (last, {}) if levels is None else without_homing(levels)
-    repeated = int((~last).sum())
-    dropped |= ({f"{name}: repeated time stamp": repeated} if repeated else {}) | homing
+    keep, homing = (last, {}) if levels is None else without_homing(levels == _HOMING)
+    dropped |= {f"{name}: repeated time stamp": int((~last).sum()), **homing}
     rows = np.flatnonzero(last & keep).astype(np.float64)
     t = (stamps[last & keep] - base) / _SECOND
     # By their numbers alone: the columns of a day take much memory.
@@ -307,9 +306,7 @@ def _leave_out_unhomed(
     last = np.maximum(np.searchsorted(t, columns["t"], side="right") - 1, 0)
     if not is_homed[last].any():
         return
-    levels = messages.RUN_LEVELS
-    names = np.where(is_homed[last], levels["pedal down"], levels["homing"])
-    keep, homing = without_homing(names.astype(np.float64))
+    keep, homing = without_homing(~is_homed[last])
     dropped |= homing
     if not keep.all():
         keep_rows(columns, np.flatnonzero(keep))
@@ -409,7 +406,7 @@ def read_bag(
     topics = bag_topics(paths)
     machine = robot_of(paths[0], topics, robot, arm)
     wiring = find_wiring(paths[0], topics, machine, profile, state, truth)
-    return _read(paths, machine, wiring, topics, quantities, offset=offset, near=near)
+    return _read(paths, wiring, topics, quantities, offset=offset, near=near)
 
 
 def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
@@ -430,7 +427,7 @@ def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
     other = get_robot(robot.name, next(arm for arm in messages.ARMS if arm != robot.arm))
     # Without the truth, which is not of this arm: no motion of it would tell a clock's offset.
     wiring = find_wiring(paths[0], topics, other, truth=None)
-    return _read(paths, other, wiring, topics, ("measured",))
+    return _read(paths, wiring, topics, ("measured",))
 
 
 def read_topic(
@@ -492,14 +489,8 @@ def as_paths(bags: Bags) -> list[Path]:
 
 
 def _read(
-    paths: Sequence[Path],
-    robot: Robot,
-    wiring: Wiring,
-    topics: Topics,
-    quantities: Collection[str],
-    **clock: float | None,
+    paths: Sequence[Path], wiring: Wiring, topics: Topics, quantities: Collection[str], **clock: Any
 ) -> Recording:
-    """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
     wanted = {
         name: wanted_fields(topics[name][0], quantities)
@@ -512,11 +503,11 @@ def _read(
             with part.open("rb") as file:
                 hashlib.file_digest(file, lambda: digest)
     origin = Provenance(
-        robot.name,
-        robot.arm,
+        wiring.robot.name,
+        wiring.robot.arm,
         source=", ".join(path.name for path in paths),
         sha256=digest.hexdigest(),
         session=paths[0].name.partition(".")[0],
     )
     lots, place = lots_of(paths, wanted, lost), str(paths[0])
-    return assemble(lots, robot, wiring, quantities, origin, lost, place, **clock)
+    return assemble(lots, wiring, quantities, origin, lost, place, **clock)
