@@ -1,5 +1,7 @@
 """Files of other people: a CSV header of our column names, or any columns through a map."""
 
+import itertools
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,10 +20,15 @@ from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
 from truejoint.recordings.read.numeric_text import TextLayout, read_numbers, text_layout
 from truejoint.recordings.table.recording import (
+    EPOCH,
+    MISSING,
     POSITION_QUANTITIES,
+    Provenance,
     Recording,
+    check_shapes,
     default_unit,
-    recordings_of_file,
+    last_of_each_stamp,
+    nominal_rates,
 )
 from truejoint.recordings.table.stream import Stream
 from truejoint.robots import Joint, Robot, get_robot
@@ -31,6 +38,10 @@ from truejoint.units import SI_UNITS
 CUT_SHORT: Final = "last line cut short"
 MAP_ADVICE: Final = "give a column map (`truejoint columns FILE` writes one to start from)"
 _LARGEST: Final = 1e30  # scale or offset
+_YEAR_5000: Final = 1e11  # [s]
+_MAX_MISSING: Final = 1 / 3  # share of rows that may lack a value
+_SHORTEST_SESSION: Final = 10  # rows before and after a clock's restart
+_RESTART: Final = 0.1  # share of the time before at which the clock may go on
 _Number = Annotated[float, schema.Bounds(-_LARGEST, _LARGEST)]
 
 
@@ -191,10 +202,68 @@ class Table:
     notes: str = ""
 
     def recordings(self, path: Path) -> list[Recording]:
-        """Make the recordings of the file at `path`."""
-        about = {"sha256": self.sha256, "notes": self.notes}
-        dropped = self.dropped
-        return recordings_of_file(path, self.robot, self.columns, self.units, dropped, **about)
+        """Make recordings of the file at `path`: one, or one a session if its clock restarts.
+
+        Rows in which a value other than truth is missing are left out, of rows with the same stamp
+        all but the last; both are counted beside what was `dropped` before. Stamps since 1970 are
+        counted from the first row. The session is the file's name up to a dot.
+        """
+        columns, robot = self.columns, self.robot
+        check_shapes(columns, path.name)
+        gaps = {n: np.isnan(values) for n, values in columns.items() if not n.startswith("truth")}
+        whole = ~np.logical_or.reduce(list(gaps.values()))
+        missing = int((~whole).sum())
+        if missing > _MAX_MISSING * whole.size:
+            worst = max(gaps, key=lambda name: int(gaps[name].sum()))
+            raise RecordingError(
+                f"{path.name}: {missing} of {whole.size} rows lack a value, {worst!r} in "
+                f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column "
+                "out"
+            )
+        if (columns["t"][:1] > _YEAR_5000).any():
+            raise RecordingError(
+                f"{path.name}: 't' begins at {columns['t'][0]:.4g} s, beyond the year 5000; "
+                "if that is in ms, us or ns, state the unit in a column map"
+            )
+        last = last_of_each_stamp(columns["t"][whole])
+        rows = np.flatnonzero(whole)[last]
+        if len(rows) < whole.size:
+            columns = {name: values[rows] for name, values in columns.items()}
+        counts = {**self.dropped, MISSING: missing, "repeated time stamp": int((~last).sum())}
+        session, rates = path.name.partition(".")[0], nominal_rates(state=columns["t"])
+        provenance = Provenance(
+            robot.name, robot.arm, path.name, self.sha256, session, rates=rates, notes=self.notes
+        )
+        sessions = _sessions(columns["t"])
+        recordings = []
+        for count, (first, end) in enumerate(sessions, 1):
+            part = {name: values[first:end] for name, values in columns.items()}
+            since_1970 = bool((part["t"][:1] > EPOCH).any())
+            start = float(part["t"][0]) if since_1970 else math.nan
+            if since_1970:
+                part["t"] = part["t"] - start
+            origin = replace(provenance, start=start, dropped=counts if count == 1 else {})
+            if len(sessions) > 1:
+                origin = replace(origin, session=f"{session}#{count}")
+            recordings.append(Recording.from_columns(part, origin, self.units, robot=robot))
+        return recordings
+
+
+def _sessions(t: Array) -> list[tuple[int, int]]:
+    """First row, and the row behind the last, of what was recorded in one go, by stamps (n,) [s].
+
+    A clock restarts where it goes back by nearly all that went before, and stays there. Any other
+    step back, or one next to a few rows only, is a stray stamp, which a recording refuses.
+    """
+    starts = [0]
+    for row in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
+        begin, before = t[starts[-1]], t[row - 1]
+        stays = (t[row : row + 2] < before).all()
+        if stays and t[row] - begin <= _RESTART * (before - begin):
+            starts.append(row)
+    bounds = list(itertools.pairwise([*starts, t.size]))
+    stray = any(end - first < _SHORTEST_SESSION for first, end in bounds)
+    return [(0, t.size)] if stray else bounds
 
 
 def read_table(
@@ -413,7 +482,6 @@ def _in_si(
 def _positions(
     path: Path, mapping: ColumnMap, header: Sequence[str] | None, count: int
 ) -> dict[str, int]:
-    """Position in the file of every mapped column."""
     use = {}
     for name, mapped in mapping.columns.items():
         column = mapped.column

@@ -180,20 +180,14 @@ def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
     elif not head.is_text:
         why = f"not text and of no known binary layout; {mapped.MAP_ADVICE}"
     else:
-        name, why = _detect_text(head)
-        if name:
-            return name
+        layout, fields, named = text_layout(head)
+        if named and ("t" in fields or any(field.startswith("measured/") for field in fields)):
+            return "csv"
+        if not named and layout.columns in raven_csv.COUNTS:
+            return "raven_csv"
+        expected = ", ".join(map(str, raven_csv.COUNTS))
+        bare = f"{layout.columns} columns without a header, expected {expected}"
+        why = ("a header without 't'" if named else bare) + f"; {mapped.MAP_ADVICE}"
     raise RecordingError(
         f"{source}: format not recognised ({why}); known: {', '.join(format_names())}"
     )
-
-
-def _detect_text(head: Head) -> tuple[str, str]:
-    """Name of the layout of a text, empty if there is none, and why there may be none."""
-    layout, fields, named = text_layout(head)
-    if named:
-        ours = "t" in fields or any(field.startswith("measured/") for field in fields)
-        return "csv" if ours else "", f"a header without 't'; {mapped.MAP_ADVICE}"
-    expected = ", ".join(map(str, raven_csv.COUNTS))
-    why = f"{layout.columns} columns without a header, expected {expected}; {mapped.MAP_ADVICE}"
-    return "raven_csv" if layout.columns in raven_csv.COUNTS else "", why

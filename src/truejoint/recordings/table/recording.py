@@ -1,13 +1,11 @@
 """The `Recording`: one table with named columns, units and provenance."""
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from numbers import Integral, Real
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -24,14 +22,10 @@ from truejoint.units import SI_UNITS
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
 EPOCH: Final = 1e8
-_YEAR_5000: Final = 1e11  # [s]
 
 _LARGEST: Final = 1e15  # number in a provenance: seconds, hertz, kilograms, rows
 _SHOWN: Final = 8  # quantities that a summary lists with their channels
 
-_MAX_MISSING: Final = 1 / 3  # share of rows that may lack a value
-_SHORTEST_SESSION: Final = 10  # rows before and after a clock's restart
-_RESTART: Final = 0.1  # share of the time before at which the clock may go on
 MISSING: Final = "value missing"
 
 # Quantities whose unit is that of the joint's position.
@@ -232,7 +226,7 @@ class Recording(Summarised):
         if not isinstance(units or {}, Mapping):
             advice = "give units by column; an arm is named by Provenance(robot, arm)"
             raise RecordingError(other_kind(units, "mapping", advice))
-        _check_shapes(arrays, provenance.source or "recording")
+        check_shapes(arrays, provenance.source or "recording")
         robot = robot or get_robot(provenance.robot, provenance.arm)
         mechanism = robot.mechanism
         motors = [f"motor/{joint}" for joint in robot.joint_names]
@@ -397,12 +391,6 @@ def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording
     return [as_recording(recordings)]
 
 
-def since_first(t: Array) -> tuple[Array, float]:
-    """Stamps `t` (n,) [s] since the first if they are since 1970, and what was taken off or NaN."""
-    first = float(t[0]) if t.size else 0.0
-    return (t - first, first) if first > EPOCH else (t, math.nan)
-
-
 def nominal_rates(**stamps: Array) -> dict[str, float]:
     """Give the usual rate [Hz] of each stream's stamps (n,) [s], of those that have one."""
     steps = {name: float(np.median(np.diff(t))) for name, t in stamps.items() if t.size > 1}
@@ -418,75 +406,6 @@ def runs(same: Mask) -> list[tuple[int, int]]:
     """First row of each run of True in `same` (n,), and the row behind its last."""
     edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def recordings_of_file(
-    path: Path,
-    robot: Robot,
-    columns: Mapping[str, Array],
-    units: Mapping[str, str],
-    dropped: Mapping[str, int],
-    **about: Any,
-) -> list[Recording]:
-    """Make recordings of a file's columns (n,): one, or one for each session if its clock restarts.
-
-    Rows in which a value other than truth is missing are left out, of rows with the same stamp all
-    but the last; both are counted beside what was `dropped` before. Stamps since 1970 are counted
-    from the first row. The session is the file's name up to a dot unless stated.
-    """
-    _check_shapes(columns, path.name)
-    gaps = {n: np.isnan(values) for n, values in columns.items() if not n.startswith("truth")}
-    whole = ~np.logical_or.reduce(list(gaps.values()))
-    missing = int((~whole).sum())
-    if missing > _MAX_MISSING * whole.size:
-        worst = max(gaps, key=lambda name: int(gaps[name].sum()))
-        raise RecordingError(
-            f"{path.name}: {missing} of {whole.size} rows lack a value, {worst!r} in "
-            f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
-        )
-    if (columns["t"][:1] > _YEAR_5000).any():
-        raise RecordingError(
-            f"{path.name}: 't' begins at {columns['t'][0]:.4g} s, beyond the year 5000; "
-            "if that is in ms, us or ns, state the unit in a column map"
-        )
-    last = last_of_each_stamp(columns["t"][whole])
-    rows = np.flatnonzero(whole)[last]
-    if len(rows) < whole.size:
-        columns = {name: values[rows] for name, values in columns.items()}
-    counts = {**dropped, MISSING: missing, "repeated time stamp": int((~last).sum())}
-    stated: dict[str, Any] = {
-        "source": path.name,
-        "session": path.name.partition(".")[0],
-        "rates": nominal_rates(state=columns["t"]),
-    }
-    provenance = Provenance(robot.name, robot.arm, **(stated | about))
-    sessions = _sessions(columns["t"])
-    recordings = []
-    for count, (first, end) in enumerate(sessions, 1):
-        part = {name: values[first:end] for name, values in columns.items()}
-        part["t"], start = since_first(part["t"])
-        origin = replace(provenance, start=start, dropped=counts if count == 1 else {})
-        if len(sessions) > 1:
-            origin = replace(origin, session=f"{provenance.session}#{count}")
-        recordings.append(Recording.from_columns(part, origin, units, robot=robot))
-    return recordings
-
-
-def _sessions(t: Array) -> list[tuple[int, int]]:
-    """First row, and the row behind the last, of what was recorded in one go, by stamps (n,) [s].
-
-    A clock restarts where it goes back by nearly all that went before, and stays there. Any other
-    step back, or one next to a few rows only, is a stray stamp, which a recording refuses.
-    """
-    starts = [0]
-    for row in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
-        begin, before = t[starts[-1]], t[row - 1]
-        stays = (t[row : row + 2] < before).all()
-        if stays and t[row] - begin <= _RESTART * (before - begin):
-            starts.append(row)
-    bounds = list(itertools.pairwise([*starts, t.size]))
-    stray = any(end - first < _SHORTEST_SESSION for first, end in bounds)
-    return [(0, t.size)] if stray else bounds
 
 
 def default_unit(column: str, robot: Robot) -> str:
@@ -528,7 +447,8 @@ def _numbers(values: Any) -> Array:
     return given.astype(float, copy=False)
 
 
-def _check_shapes(columns: Mapping[str, Array], source: str) -> None:
+def check_shapes(columns: Mapping[str, Array], source: str) -> None:
+    """Refuse, with RecordingError, columns without time, or that are not all as long as it."""
     _require_time(columns, source)
     rows = columns["t"].shape
     for name, values in columns.items():
