@@ -20,6 +20,7 @@ from truejoint.robots import Robot, robot_of
 
 KEY: Final = b"truejoint"
 """Key of the header among an Arrow schema's metadata."""
+_DAMAGED: Final = "its metadata is damaged; copy or record it again"
 
 
 def sign(header: Mapping[str, Any], columns: Mapping[str, Array]) -> bytes:
@@ -59,7 +60,7 @@ def recorded(source: Path, header: Mapping[str, Any]) -> tuple[Provenance, Robot
     """Inverse of `recording_header`; raises RecordingError where the header is damaged."""
     values, robot = header.get("provenance"), header.get("robot")
     if not isinstance(values, dict) or not isinstance(robot, dict):
-        raise RecordingError(f"{source}: its metadata is damaged; copy or record it again")
+        raise RecordingError(f"{source}: {_DAMAGED}")
     try:
         return Provenance.from_dict(values), robot_of(robot, source.name)
     except (RecordingError, RobotError) as error:
@@ -68,8 +69,6 @@ def recorded(source: Path, header: Mapping[str, Any]) -> tuple[Provenance, Robot
 
 VERSION: Final = 2  # of the header; another one is refused
 PARQUET_MAGIC: Final = b"PAR1"
-
-_DAMAGED: Final = "its metadata is damaged; copy or record it again"
 _MAX_COLUMNS: Final = 4096
 _MAX_METADATA_BYTES: Final = 1 << 22
 
@@ -146,7 +145,6 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
 
 
 def _read(source: Path) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Header and columns of a file."""
     try:
         with (
             source.open("rb") as raw,

@@ -428,7 +428,6 @@ def _sqlite_topics(base: sqlite3.Connection, bag: _Bag) -> None:
 
 
 def _sqlite_index(_: BinaryIO, bag: _Bag) -> Counter[Any]:
-    """Count the rows of the messages."""
     counts: Counter[Any] = Counter()
     with _tables(bag) as base:
         _sqlite_topics(base, bag)

@@ -177,7 +177,6 @@ class _Walk:
         return False
 
     def _walk(self, path: str, what: tuple[int, Any], depth: int = 0) -> None:
-        """Go through a value, a message or a list."""
         shape, inner = what
         self._count()
         if depth > _DEEPEST:
