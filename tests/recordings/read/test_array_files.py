@@ -18,8 +18,8 @@ from truejoint.recordings.read.array_files import read_mat, read_npy
     ),
     fortran=st.booleans(),
 )
-def test_reads_as_numpy_wrote_it(tmp_path_factory, array, fortran):
-    path = tmp_path_factory.mktemp("npy") / "a.npy"
+def test_reads_as_numpy_wrote_it(tmp_path, array, fortran):
+    path = tmp_path / "a.npy"
     np.save(path, np.asfortranarray(array) if fortran else array)
     read, _ = read_npy(path)
     assert read.dtype == np.float64

@@ -30,7 +30,7 @@ def write(path: Path, text: str) -> Path:
 @given(
     data=st.data(), rows=st.integers(2, 20), delimiter=st.sampled_from([",", ";", "\t", " ", ", "])
 )
-def test_a_header_in_our_names_comes_back_exactly(tmp_path_factory, data, rows, delimiter):
+def test_a_header_in_our_names_comes_back_exactly(tmp_path, data, rows, delimiter):
     t = np.sort(data.draw(arrays(float, rows, elements=st.floats(0, 1e7), unique=True)))
     measured = data.draw(arrays(float, rows, elements=numbers))
     truth = data.draw(arrays(float, rows, elements=numbers | st.just(np.nan)))
@@ -39,7 +39,7 @@ def test_a_header_in_our_names_comes_back_exactly(tmp_path_factory, data, rows, 
         delimiter.join("nan" if np.isnan(v) else repr(float(v)) for v in row)
         for row in zip(truth, t, measured, strict=True)
     ]
-    path = write(tmp_path_factory.mktemp("csv") / "a.csv", "# note\n" + "\n".join(lines) + "\n")
+    path = write(tmp_path / "a.csv", "# note\n" + "\n".join(lines) + "\n")
     recording = read_recording(path, robot="bros")
     assert np.array_equal(recording.t, t)
     assert np.array_equal(recording.column("measured/joint1"), measured)
@@ -247,11 +247,11 @@ def test_a_rate_in_place_of_stamps_may_come_from_the_caller(tmp_path):
     rows=st.lists(st.lists(st.floats(-9, 9) | st.just(np.nan), min_size=2, max_size=2), min_size=9),
     lost=st.sets(st.integers(0, 8), max_size=3),
 )
-def test_rows_that_lack_a_value_are_left_out_and_counted(tmp_path_factory, rows, lost):
+def test_rows_that_lack_a_value_are_left_out_and_counted(tmp_path, rows, lost):
     table = np.array([[k, *row] for k, row in enumerate(rows)])
     table[:, 1] = np.nan_to_num(table[:, 1])
     table[list(lost), 1] = np.nan
-    path = tmp_path_factory.mktemp("nan") / "a.csv"
+    path = tmp_path / "a.csv"
     names = "t,measured/joint1,truth/joint1"
     np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.17g")
     recording = read_recording(path, robot="bros")
@@ -265,9 +265,9 @@ def test_rows_that_lack_a_value_are_left_out_and_counted(tmp_path_factory, rows,
     lengths=st.lists(st.integers(10, 30), min_size=1, max_size=4),
     first=st.sampled_from([0.0, 3.5, 1.7e9]),
 )
-def test_each_restart_of_the_clock_begins_a_session(tmp_path_factory, lengths, first):
+def test_each_restart_of_the_clock_begins_a_session(tmp_path, lengths, first):
     t = np.concatenate([first + 0.25 * np.arange(length) for length in lengths])
-    path = tmp_path_factory.mktemp("restart") / "day.csv"
+    path = tmp_path / "day.csv"
     names = "t,measured/joint1"
     table = np.column_stack([t, np.arange(t.size)])
     table = np.vstack([[first, -1.0], table])  # of one stamp the last row is kept

@@ -23,10 +23,10 @@ def write(path: Path, text: str) -> Path:
 
 
 @given(table=tables, delimiter=st.sampled_from([",", ";", "\t", " "]), ended=st.booleans())
-def test_numbers_come_back_to_the_last_bit(tmp_path_factory, table, delimiter, ended):
+def test_numbers_come_back_to_the_last_bit(tmp_path, table, delimiter, ended):
     lines = [delimiter.join(repr(float(v)) for v in row) for row in table]
     text = "% a, comment; with\tdelimiters\n" + "\n".join(lines) + ("\n" if ended else "")
-    path = write(tmp_path_factory.mktemp("text") / "t.txt", text)
+    path = write(tmp_path / "t.txt", text)
     layout = TextLayout(table.shape[1], delimiter, comment="%")
     order = list(range(table.shape[1]))[::-1]
     read = read_numbers(path, layout, order)
@@ -35,8 +35,8 @@ def test_numbers_come_back_to_the_last_bit(tmp_path_factory, table, delimiter, e
 
 
 @given(text=st.text(alphabet="0123456789.,-+eEnaif \t\n\r%x\"'\0é", max_size=300))
-def test_garbage_is_read_or_refused_in_one_line(tmp_path_factory, text):
-    path = tmp_path_factory.mktemp("text") / "t.txt"
+def test_garbage_is_read_or_refused_in_one_line(tmp_path, text):
+    path = tmp_path / "t.txt"
     path.write_text(text, encoding="utf-8")
     values, said = np.empty((1, 2)), str(path)
     try:

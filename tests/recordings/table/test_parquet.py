@@ -27,7 +27,7 @@ values = st.floats(allow_nan=False, allow_infinity=False)
     load=st.floats(0, 10) | st.just(float("nan")),
     dropped=st.dictionaries(st.text(max_size=10), st.integers(0, 10**9), max_size=3),
 )
-def test_round_trip_is_exact(tmp_path_factory, data, rows, notes, load, dropped):
+def test_round_trip_is_exact(tmp_path, data, rows, notes, load, dropped):
     columns = {
         "t": np.sort(data.draw(arrays(float, rows, elements=values, unique=True))),
         "measured/joint1": data.draw(arrays(float, rows, elements=values)),
@@ -36,8 +36,8 @@ def test_round_trip_is_exact(tmp_path_factory, data, rows, notes, load, dropped)
     }
     provenance = Provenance("bros", source="x", notes=notes, load=load, dropped=dropped)
     before = Recording.from_columns(columns, provenance, {"odd name, with 'quotes'/é": "Nm"})
-    path = tmp_path_factory.mktemp("parquet") / "a.parquet"
-    write_parquet(before, path)
+    path = tmp_path / "a.parquet"
+    write_parquet(before, path, overwrite=True)
     after = read_parquet(path)
     for name in before.table.columns:
         assert np.array_equal(before.column(name), after.column(name), equal_nan=True)
