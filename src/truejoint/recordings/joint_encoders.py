@@ -218,7 +218,6 @@ class EncoderNode:
         self._profile = profile_of(robot, profile)
         self._state_topic = self._profile.topic(robot.arm, "operating_state", namespace)
         self._is_homing = False
-        self._open = ExitStack()
         self.published = 0
 
     def __enter__(self) -> Self:

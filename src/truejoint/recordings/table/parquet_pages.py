@@ -12,8 +12,8 @@ from typing import Any, BinaryIO, Final, NamedTuple
 from truejoint.recordings.bounded_file import DamagedError
 
 _MOST_HEADER: Final = 1 << 12  # bytes of a page's header; those of numbers take about a hundred
-_TRUTHS, _BYTE, _WHOLE, _BINARY, _LISTS, _STRUCT = (1, 2), 3, (4, 5, 6), 8, (9, 10), 12
-_WIDTHS: Final = {1: 0, 2: 0, _BYTE: 1, 7: 8}  # bytes of a true, a false, a byte, a float
+_WHOLE, _BINARY, _LISTS, _STRUCT = (4, 5, 6), 8, (9, 10), 12
+_WIDTHS: Final = {1: 0, 2: 0, 3: 1, 7: 8}  # bytes of a true, a false, a byte, a float
 _DEEPEST: Final = 8  # structs and lists within each other
 _MOST_FOOTER: Final = 1 << 22  # bytes
 
@@ -103,8 +103,6 @@ def _value(data: bytes, at: int, kind: int, depth: int, *, has_lists: bool) -> t
             count, at = _varint(data, at)
         if count > len(data) - at:
             raise DamagedError("a list that never ends")
-        if of_kind in _TRUTHS:
-            of_kind = _BYTE  # each takes one here
         values = []
         for _ in range(count):
             value, at = _value(data, at, of_kind, depth + 1, has_lists=True)
