@@ -94,6 +94,15 @@ def test_a_saturated_sensor_is_found():
     assert (MEASURED[first:behind] >= 0.4).all()
 
 
+def test_a_sensor_that_stands_is_said_when_though_truth_is_missing_before():
+    t = 0.02 * np.arange(3000)
+    q = np.sin(t) + 0.3 * np.sin(2.7 * t)
+    truth = q + 0.01
+    truth[:1000], truth[2000:2300] = np.nan, truth[2000]
+    (finding,) = named(_jaw(truth, q), "frozen")
+    assert "for 6.0 s, from 40.0 s" in finding.what
+
+
 @pytest.mark.parametrize(("setpoint", "load"), [(True, 0.0), (False, 0.2)])
 def test_a_load_that_turns_a_standing_joint_is_no_saturation(setpoint, load):
     still = np.minimum.accumulate(np.append(np.linspace(0.5, 0.0, 600), np.zeros(600)))

@@ -154,7 +154,7 @@ def _stands(recording: Recording, joint: str, rows: Integers) -> Iterable[Defect
     sent is none, though a load turns its joint; but from where it stands it goes on without a leap.
     A truth that stands while the motor pushes as it does nowhere else is at a stop.
     """
-    t, table, count = recording.t, recording.table, len(recording)
+    t, table, count = recording.t[rows], recording.table, len(recording)
     truth, measured = (table[f"{q}/{joint}"].to_numpy()[rows] for q in ("truth", "measured"))
     # Where the motor was sent; NaN where nothing says so, and it may have moved. Under a stated
     # load without a set-point it counts as sent nowhere while it stands.
