@@ -7,7 +7,7 @@ the copies on both sides and measures memory rather than accuracy.
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, product
 from numbers import Real
@@ -32,7 +32,7 @@ from truejoint.evaluation.verdict import (
     doubts_about,
     judge,
     objections_to,
-    rezero_remark,
+    rezero_remarks,
 )
 from truejoint.recordings import check_data
 from truejoint.recordings.datasets import Dataset, HeldOut
@@ -44,6 +44,7 @@ Model = Calibration | str | os.PathLike[str]
 Models = Mapping[str, Sequence[Calibration]]
 
 _GAP: Final = 1.0  # s between the two sides, so that no row of one has a neighbour on the other
+_COMPARED: Final = ["model", "estimator", "joint", "outcome", "stretches", "seconds"]
 _REZEROED_RAW: Final = f"{RAW}, re-zeroed"  # a chosen raw position, beside the baseline
 
 
@@ -101,13 +102,10 @@ def evaluate(
         raise CalibrationError(
             f"the time to re-zero from is {rezero!r:.40} s; it must be 0 s or more"
         )
-    by_estimator = _by_estimator(models)
-    recordings = as_recordings(recordings)
-    if rezero > 0.0 and RAW in by_estimator:  # no correction, but not as it comes: another row
-        by_estimator = {
-            _REZEROED_RAW if name == RAW else name: own for name, own in by_estimator.items()
-        }
-        chosen = _REZEROED_RAW if chosen == RAW else chosen
+    # A raw position that is re-zeroed is no correction, but not as it comes: another row.
+    renamed = {RAW: _REZEROED_RAW} if rezero > 0.0 else {}
+    by_estimator = {renamed.get(name, name): own for name, own in _by_estimator(models).items()}
+    recordings, chosen = as_recordings(recordings), renamed.get(chosen or "", chosen)
     in_use = chosen or (next(iter(by_estimator)) if len(by_estimator) == 1 else "")
     calibrations = {
         name: [seed.for_rezeroing if rezero > 0.0 else seed for seed in seeds]
@@ -129,16 +127,14 @@ def evaluate(
     by_seed, rows = (pd.concat(parts, join="inner") for parts in zip(*judged, strict=True))
     errors = by_seed.xs(0, axis=1, level="seed")
     domain = scoring.domain_of(rows)
-    scores, each = (
-        scoring.score_errors(by_seed, rows, units),
-        scoring.score_recordings(by_seed, rows, units),
-    )
-    comparisons = DataFrame(_comparisons(errors, rows, joints, chosen))
+    scores = scoring.score_errors(by_seed, rows, units)
+    pairs = [(chosen, name) for name in errors.columns.unique("estimator") if name != chosen]
+    comparisons = compare_models(errors, rows, joints, pairs).drop(columns="model")
     of_plain = {name for name, seeds in calibrations.items() if seeds[0].estimator in PLAIN}
     verdict = judge(
         scores,
         chosen,
-        tolerance=tolerance or {},
+        tolerance=tolerance,
         comparisons=comparisons,
         advice=advise(
             errors,
@@ -150,17 +146,18 @@ def evaluate(
         objections=tuple(dict.fromkeys(objections_to(model.origin, recordings, domain))),
         doubts=tuple(doubts_about(model.origin, model.zero, recordings, domain, check, rezero)),
     )
+    remarks: list[str] = []
     if rezero > 0.0:
         plain = by_estimator[chosen][0]
         plain_errors = [
             plain.correct(recording)[np.isin(recording.t, own["t"])] - own["truth"].to_numpy()
             for recording, (_, own) in zip(recordings, judged, strict=True)
         ]
-        verdict = rezero_remark(verdict, scoring.rmse(np.concatenate(plain_errors)), rezero)
+        as_they_come = scoring.rmse(np.concatenate(plain_errors))
+        remarks += rezero_remarks(verdict.joints, as_they_come, rezero)
     tested = {n: conditions_of(r, joints) for n, r in zip(names, recordings, strict=True)}
     learnt = [c for session in model.origin.sessions for c in session.conditions]
-    unlike = tuple(scoring.unlike(learnt, tested, recordings[0].units)) or scoring.warned(rows)
-    remarks = (*verdict.remarks, *unlike)
+    remarks += list(scoring.unlike(learnt, tested, recordings[0].units)) or scoring.warned(rows)
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -172,11 +169,11 @@ def evaluate(
         baseline_notes=dict(model.origin.baseline_notes),
         errors=errors,
         scores=scores,
-        recording_scores=each,
+        recording_scores=scoring.score_recordings(by_seed, rows, units),
         cartesian_note=note,
         worst=scoring.worst_stretches(rows, errors[chosen], verdict.joints),
         rezero=rezero,
-        verdict=replace(verdict, remarks=remarks),
+        verdict=replace(verdict, remarks=tuple(remarks)),
         check=check,
         domain=domain,
         comparisons=comparisons,
@@ -190,26 +187,20 @@ def evaluate(
     )
 
 
-def _comparisons(
-    errors: DataFrame, rows: DataFrame, joints: Sequence[str], chosen: str
-) -> Iterator[dict[str, Any]]:
-    """Compare the chosen model with each other one, in each joint, over all rows."""
+def compare_models(
+    errors: DataFrame, rows: DataFrame, joints: Sequence[str], pairs: Sequence[tuple[str, str]]
+) -> DataFrame:
+    """Compare each ``"model"`` with an ``"estimator"``: see `Evaluation.comparisons`."""
     parts, t = by_recording(rows.index), rows["t"].to_numpy()
     step = float(np.median(np.concatenate([np.diff(t[part]) for part in parts])))
-    moves = rows["direction"].to_numpy()
-    least = cycle_rows([moves[part] for part in parts])
-    names = [name for name in errors.columns.unique("estimator") if name != chosen]
-    ends = [part.stop for part in parts[:-1]]
-    for joint, name in product(joints, names):
-        own, other = errors[chosen, joint].to_numpy(), errors[name, joint].to_numpy()
-        difference = compare(np.split(own, ends), np.split(other, ends), least)
-        yield {
-            "estimator": name,
-            "joint": joint,
-            "outcome": difference.outcome,
-            "stretches": difference.stretches,
-            "seconds": difference.rows * step,
-        }
+    least = cycle_rows([rows["direction"].to_numpy()[part] for part in parts])
+    compared = []
+    for joint, names in product(joints, pairs):
+        own, other = ([errors[name, joint].to_numpy()[part] for part in parts] for name in names)
+        difference = compare(own, other, least)
+        seconds = difference.rows * step
+        compared.append((*names, joint, difference.outcome, difference.stretches, seconds))
+    return DataFrame(compared, columns=_COMPARED)
 
 
 def _by_estimator(models: Any) -> dict[str, list[Calibration]]:
@@ -242,20 +233,18 @@ def _checked_models(calibrations: Models, chosen: str | None) -> tuple[str, tupl
 
 
 def _with_baselines(calibrations: Models, chosen: str) -> Models:
-    """Fitted models by estimator, baselines first; one that is given replaces its baseline.
+    """Models by estimator, baselines first; one that is given, by any name, replaces its baseline.
 
-    It does under another name too; the fixed offset stays, as the yardstick.
+    The fixed offset stays, as the yardstick.
     """
-    first = calibrations[chosen][0]
-    estimators = {seed.estimator for seeds in calibrations.values() for seed in seeds} - {OFFSET}
-    baselines = {k: [model] for k, model in first.baselines.items() if k not in estimators}
-    available = baselines | dict(calibrations)
-    models = {n: available[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in available}
+    given = {seed.estimator for seeds in calibrations.values() for seed in seeds} - {OFFSET}
+    baselines = calibrations[chosen][0].baselines.items()
+    models = {name: [model] for name, model in baselines if name not in given} | dict(calibrations)
     if OFFSET not in models:
         raise CalibrationError(
             f"the calibration {chosen} carries no fixed offset, the yardstick; calibrate it again"
         )
-    return models
+    return {n: models[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in models}
 
 
 def unique_names(sources: Sequence[str]) -> list[str]:

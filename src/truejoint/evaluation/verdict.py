@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 from pathlib import PurePath
 from typing import Any, Final
@@ -34,12 +34,8 @@ from truejoint.units import display_unit
 
 _FEW: Final = 0.02  # share of the rows that the loop refuses which is worth a word
 _MOST: Final = 0.5  # share of the rows that must be as in training for a verdict
-
-MARGIN: Final = 0.05
-"""Share by which the RMSE of the model that is deployed may exceed that of the best."""
-
-PLAIN: Final = frozenset({RAW, OFFSET, "linear"})
-"""What is preferred where nothing richer is closer."""
+MARGIN: Final = 0.05  # by which the RMSE of the deployed model may exceed the best's, as a share
+PLAIN: Final = frozenset({RAW, OFFSET, "linear"})  # preferred where nothing richer is closer
 
 
 def judge(
@@ -96,25 +92,21 @@ def judge(
     for joint in joints:
         rows = {row.estimator: row for row in each(scores[scores["joint"] == joint])}
         row, others = rows[chosen], [rows[name] for name in simpler if name in rows]
-        if joint in limits:
-            passed = row.rmse <= limits[joint]
-            verdict = JointVerdict(joint, row.unit, row.rmse, limits[joint], True, passed)
+        if limit := limits.get(joint):
+            verdicts.append(JointVerdict(joint, row.unit, row.rmse, limit, True, row.rmse <= limit))
         else:
-            verdict = _beside_simpler(row, others or [row], outcomes)
-        verdicts.append(verdict)
-    advice = None if objections else advice
-    deploy = advice.deploy if advice else ""
-    sentence = advice.text if advice else ""
-    reservations = list(_alike(verdicts, compared))
+            verdicts.append(_beside_simpler(row, others or [row], outcomes))
+    deploy, sentence = (advice.deploy, advice.text) if advice and not objections else ("", "")
+    doubts = [*doubts, *_alike(verdicts, compared)]
     if deploy not in ("", chosen) and not all(verdict.stated for verdict in verdicts):
-        reservations.append(sentence)
+        doubts.append(sentence)
     return Verdict(
         passed=all(v.passed for v in verdicts) and not objections,
         text=_text(chosen, verdicts, objections),
         rule=_rule(verdicts),
         joints=tuple(verdicts),
         objections=tuple(objections),
-        doubts=(*doubts, *reservations),
+        doubts=tuple(doubts),
         deploy=deploy,
         advice=sentence,
     )
@@ -183,14 +175,12 @@ def _rule(verdicts: Sequence[JointVerdict]) -> str:
 def _text(chosen: str, verdicts: Sequence[JointVerdict], objections: Sequence[str]) -> str:
     if objections:
         return f"This test cannot be believed: {objections[0]}."
-    title = estimator_phrase(chosen)
+    title, n = estimator_phrase(chosen), len(verdicts)
     title = title[:1].upper() + title[1:]
-    bad = [v for v in verdicts if not v.passed]
-    if bad:
-        parts = [_beside(v) for v in bad]
-        count = f"{len(bad)} of {len(verdicts)} joints" if len(verdicts) > 1 else "the joint"
-        return f"{title} is not good enough in {count}: {_and(parts)}."
-    subject = "the joint" if len(verdicts) == 1 else f"all {len(verdicts)} joints"
+    if bad := [_beside(v) for v in verdicts if not v.passed]:
+        count = f"{len(bad)} of {n} joints" if n > 1 else "the joint"
+        return f"{title} is not good enough in {count}: {_and(bad)}."
+    subject = f"all {n} joints" if n > 1 else "the joint"
     if not any(v.stated for v in verdicts):
         return f"{title} has a smaller RMSE than raw position and fixed offset in {subject}."
     if all(v.stated for v in verdicts):
@@ -246,26 +236,24 @@ def doubts_about(
 
     A homing that training has not seen is no doubt where `rezero` seconds of truth make up for it.
     """
-    accepted = origin.accepted
-    if accepted:
+    if origin.accepted:
         yield (
-            f"The model was fitted to recordings whose data check failed ({', '.join(accepted)}), "
-            "which was accepted."
+            "The model was fitted to recordings whose data check failed "
+            f"({', '.join(origin.accepted)}), which was accepted."
         )
-    for finding in (finding for finding in check.findings if finding.level == "fail"):
-        anyway = ", which was accepted" if finding.name in check.accepted else ""
-        yield f"The data check failed{anyway}: {finding.what} ({finding.where})."
+    for finding in check.findings:
+        if finding.level == "fail":
+            anyway = ", which was accepted" if finding.name in check.accepted else ""
+            yield f"The data check failed{anyway}: {finding.what} ({finding.where})."
     if domain.inside < 1.0 - _FEW:
         yield f"The loop would refuse {_refused(domain)}, and pass the raw position through there."
-    suspect = domain.flags.get("ZERO_SUSPECT", 0.0)
-    if suspect:
+    if suspect := domain.flags.get("ZERO_SUSPECT"):
         yield (
             f"The loop would hold the zero for suspect in {share_text(suspect)} of the rows, until "
             "it is found anew: a reading jumped, or parts from what else says where the joint is."
         )
-    trained_homings = set(origin.homing_ids)
-    other = sorted({r.provenance.homing_id for r in recordings} - trained_homings - {""})
-    if trained_homings and other and rezero == 0.0:
+    other = sorted({r.provenance.homing_id for r in recordings} - {*origin.homing_ids, ""})
+    if origin.homing_ids and other and rezero == 0.0:
         yield (
             f"The test has homings that training has not seen ({', '.join(other[:4])}); positions "
             "of two homings differ by an offset that no model knows."
@@ -361,33 +349,26 @@ def advise(
     scale[scale == 0.0] = 1.0
     scaled = {name: [error[part] / scale for part in parts] for name, error in whole.items()}
     size = {name: sum(float(np.sum(e**2)) for e in split) for name, split in scaled.items()}
+    allowed = {name: [(1.0 + MARGIN) * e for e in split] for name, split in scaled.items()}
     least = cycle_rows([moves.to_numpy()[part] for part in parts])
     closest = sorted(scaled, key=size.__getitem__)
     good = [
         name
         for name in closest
-        if all(_is_within(scaled[name], scaled[other], least) for other in closest if other != name)
+        if all(_is_within(scaled[name], allowed[n], least) for n in closest if n != name)
     ]
-    first = scaled[closest[0]]
-    differences = [compare(scaled[name], _enlarged(first), least) for name in closest[1:]]
-    rivals = [n for n, d in zip(closest[1:], differences, strict=True) if d.outcome != "worse"]
-    plainest = sorted(good, key=lambda name: (name not in plain, name != chosen))  # stable
-    found = Advice(
-        next(iter(plainest), ""),
-        () if good else (closest[0], *rivals),
-        min((difference.stretches for difference in differences), default=0),
-        "",
-    )
-    return replace(found, text=_advice_text(found, chosen, automatic=automatic))
+    differences = {n: compare(scaled[n], allowed[closest[0]], least) for n in closest[1:]}
+    alike = [n for n, d in differences.items() if d.outcome != "worse"]
+    deploy = min(good, key=lambda name: (name not in plain, name != chosen), default="")
+    rivals = () if good else (closest[0], *alike)
+    stretches = min((difference.stretches for difference in differences.values()), default=0)
+    text = _advice_text(deploy, rivals, stretches, chosen)
+    other = "" if automatic else "; `truejoint calibrate -e auto` chooses among more models"
+    return Advice(deploy, rivals, stretches, f"{text}{other}.")
 
 
-def _enlarged(errors: Sequence[Array]) -> list[Array]:
-    return [(1.0 + MARGIN) * error for error in errors]
-
-
-def _is_within(errors: Sequence[Array], other: Sequence[Array], least: float) -> bool:
-    """Whether errors exceed others by less than `MARGIN`, over all recordings or in each."""
-    allowed = _enlarged(other)
+def _is_within(errors: Sequence[Array], allowed: Sequence[Array], least: float) -> bool:
+    """Whether errors are less than is allowed, over all recordings or in each."""
     if np.sum(np.concatenate(errors) ** 2) > np.sum(np.concatenate(allowed) ** 2):
         return False  # neither can be
     pairs = [([a], [b]) for a, b in zip(errors, allowed, strict=True) if len(a)]
@@ -396,51 +377,49 @@ def _is_within(errors: Sequence[Array], other: Sequence[Array], least: float) ->
     )
 
 
-def _advice_text(advice: Advice, chosen: str, *, automatic: bool) -> str:
-    """Sentence that says what to deploy, and how to get it."""
-    other = "" if automatic else "; `truejoint calibrate -e auto` chooses among more models"
-    if not advice.deploy:
-        rivals = [estimator_phrase(name) for name in advice.rivals]
-        few = f"{_and(rivals)} cannot be told apart" if len(rivals) > 1 else "too little is certain"
+def _advice_text(deploy: str, rivals: Sequence[str], stretches: int, chosen: str) -> str:
+    """Say what to deploy, and how to get it."""
+    if not deploy:
+        names = [estimator_phrase(name) for name in rivals]
+        few = f"{_and(names)} cannot be told apart" if len(names) > 1 else "too little is certain"
         keep = f"keep {estimator_phrase(chosen)}" if chosen else "change nothing"
         return (
             f"It cannot be told which of these models to deploy: {few} to {100 * MARGIN:g} % of "
-            f"the error, over {advice.stretches} stretches of this test. Record a longer motion to "
-            f"tell; until then, {keep}{other}."
+            f"the error, over {stretches} stretches of this test. Record a longer motion to tell; "
+            f"until then, {keep}"
         )
-    why = (
-        f"over all joints, no other model here has an error more than {100 * MARGIN:g} % smaller "
-        "in the rows that the loop would correct (95 % confidence)"
+    how = f" (`truejoint calibrate -e {deploy}`)" if deploy in BASELINES else ""
+    what = f"Deploy {estimator_phrase(deploy)}{' instead' if chosen else ''}{how}"
+    if deploy == RAW:
+        what = "Deploy none of these models, but the raw position"
+    elif deploy == chosen:
+        what = f"Keep {estimator_phrase(chosen)}"
+    return (
+        f"{what}: over all joints, no other model here has an error more than {100 * MARGIN:g} % "
+        "smaller in the rows that the loop would correct (95 % confidence)"
     )
-    if advice.deploy == RAW:
-        return f"Deploy none of these models, but the raw position: {why}{other}."
-    if advice.deploy == chosen:
-        return f"Keep {estimator_phrase(chosen)}: {why}{other}."
-    how = f" (`truejoint calibrate -e {advice.deploy}`)" if advice.deploy in BASELINES else ""
-    instead = " instead" if chosen else ""
-    return f"Deploy {estimator_phrase(advice.deploy)}{instead}{how}: {why}{other}."
 
 
-def rezero_remark(verdict: Verdict, as_they_come: Array, duration: float) -> Verdict:
+def rezero_remarks(
+    joints: Sequence[JointVerdict], as_they_come: Array, duration: float
+) -> Iterator[str]:
     """Say what re-zeroing is worth: RMSE without it (n_joints,), by the fit for that, beside it."""
     better: list[str] = []
     worse: list[str] = []
-    for joint, plain in zip(verdict.joints, as_they_come.tolist(), strict=True):
+    for joint, plain in zip(joints, as_they_come.tolist(), strict=True):
         unit = display_unit(joint.unit)
         before, after = shown([plain * unit.scale, joint.rmse * unit.scale])
         text = f"{joint.joint} {after} {unit.name} instead of {before}"
         if after != before:
             (worse if joint.rmse > plain else better).append(text)
     start = f"from the first {duration:g} s of each recording"
-    remarks = []
     if better:
-        remarks.append(f"Re-zeroed {start}: {_and(better)} as positions come.")
+        yield f"Re-zeroed {start}: {_and(better)} as positions come."
     if worse:
-        remarks.append(
+        yield (
             f"Re-zeroing {start} harms: {_and(worse)}. So short a stretch may be a part of a slow "
             "cycle, with errors all to one side: re-zero from a longer one, or leave it."
         )
-    return replace(verdict, remarks=(*remarks, *verdict.remarks))
 
 
 def _refused(domain: Domain) -> str:

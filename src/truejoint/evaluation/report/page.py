@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from functools import cache, partial
 from hashlib import sha256
 from importlib.resources import files
-from itertools import combinations, cycle, product
+from itertools import combinations, cycle
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,14 +22,13 @@ from truejoint._version import __version__, versions
 from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_tables as view
-from truejoint.evaluation.paired_test import compare, cycle_rows
+from truejoint.evaluation.evaluate import compare_models
 from truejoint.evaluation.report import figures
 from truejoint.evaluation.results import (
     OFFSET,
     Evaluation,
     all_scores,
     as_evaluation,
-    by_recording,
     estimator_phrase,
     estimator_title,
 )
@@ -171,12 +170,9 @@ def write_comparison(
 
 
 def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], command: str) -> str:
-    pairs, parts = [], by_recording(together.rows.index)
-    least = cycle_rows([together.known("direction")[part] for part in parts])
-    for joint, names in product(together.joints, combinations(alone, 2)):
-        own, other = ([together.error(name, joint)[part] for part in parts] for name in names)
-        found = compare(own, other, least)
-        pairs.append([joint, *names, found.outcome, str(found.stretches)])
+    both = list(combinations(alone, 2))
+    pairs = compare_models(together.errors, together.rows, together.joints, both)
+    pairs = pairs.rename(columns={"estimator": "against", "outcome": "result"}).astype(str)
     verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}
     objections = [v.text for v in verdicts.values() if v.objections]
     deploy = together.verdict.deploy
@@ -194,7 +190,7 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
         level="fail" if objections else level,
         sentence=objections[0] if objections else together.verdict.advice,
         rule=next(iter(verdicts.values())).rule,
-        pairs=DataFrame(pairs, columns=["joint", "model", "against", "result", "stretches"]),
+        pairs=pairs[["joint", "model", "against", "result", "stretches"]],
         origins={name: evaluation.training for name, evaluation in alone.items()},
         facts=facts(together, f"{len(alone)} models"),
         command=command,
