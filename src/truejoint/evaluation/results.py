@@ -34,10 +34,9 @@ _TITLES: Final = {
     **registry.TITLES,
 }
 
+# They stand for joints in errors and scores of the tool, and of it along the axes of the base.
 TOOL: Final = "tool position"
-"""Stands for a joint in errors and scores of the tool."""
 AXES: Final = ("tool x", "tool y", "tool z")
-"""Stand for joints in errors of the tool along each axis of the base frame."""
 
 _COLUMNS: Final = {
     "RMSE": "rmse", "spread": "spread", "largest": "max_abs", "mean": "mean",
@@ -396,11 +395,7 @@ def as_evaluation(value: object) -> Evaluation:
 
 
 def all_scores(evaluation: Evaluation) -> Iterator[tuple[str, DataFrame]]:
-    """Give a table per joint, then that of the tool where its position is known, by name.
-
-    Digits are sensible ones, and the same for all cells of one unit; a column without a number is
-    left out.
-    """
+    """Give a table of text per joint, then that of the tool where its place is known, by name."""
     for name, unit, scores in evaluation.shown_scores():
         fix = partial(fixed, decimals=decimals_for(unit.scale * scores["rmse"]))
         text = {"estimator": scores["estimator"].map(estimator_title)} | {

@@ -53,11 +53,10 @@ def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """Give the chosen model's RMSE of each joint, and of the tool, for the first screen."""
     verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
     level = f"{100 * evaluation.interval_level:g} %"
-    stated = intervals(evaluation)
     bands = {
         row["joint"]: f"± {row['half-width']} {row['unit']} stated at {level}; "
         f"{row['found inside']} found inside"
-        for row in stated.to_dict("records")
+        for row in intervals(evaluation).to_dict("records")
         if row["stated"] == level
     }
     for name, unit, _ in evaluation.shown_scores():
@@ -171,9 +170,8 @@ def recordings(evaluation: Evaluation) -> DataFrame:
     for _, joint, unit in evaluation.shown_joints():
         own = scores[scores["joint"] == joint]
         before, after = (own[own["estimator"] == key] for key in (OFFSET, evaluation.chosen))
-        text = partial(
-            tables.fixed, decimals=min(tables.decimals_for(unit.scale * after["rmse"]), 3)
-        )
+        decimals = min(tables.decimals_for(unit.scale * after["rmse"]), 3)
+        text = partial(tables.fixed, decimals=decimals)
         pair = [(unit.scale * one["rmse"]).map(text) for one in (before, after)]
         table[f"{joint} [{unit.name}]"] = pair[0] + " → " + pair[1]
         table[f"{joint}: max"] = (unit.scale * after["max_abs"]).map(text)

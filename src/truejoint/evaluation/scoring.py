@@ -1,6 +1,4 @@
-"""The frame of errors of every model on the test, and scores of it.
-
-These are worst windows, the domain, the stated interval, and conditions beyond the training.
+"""The frame of errors of every model on the test, and what is made of it.
 
 An error is the estimated position minus the true one, in the joint's SI unit (rad or m).
 """
@@ -34,12 +32,13 @@ from truejoint.tables import share_text
 from truejoint.toml_file import shipped_table
 from truejoint.units import shown, shown_range
 
-WINDOW: Final = 10.0
-"""Length of the worst stretches [s]."""
+WINDOW: Final = 10.0  # s, length of the worst stretches
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
 _COUNT = 3  # worst windows of each joint
+_WORST: Final = ["joint", "unit", "recording", "start", "end", "rmse", "max_abs", "ratio"]
 _HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
+_NAMED: Final = 4  # recordings that a sentence names
 _LEVELS = ["estimator", "seed", "joint"]  # of the columns of a frame of errors
 
 
@@ -146,13 +145,14 @@ def judge_recording(
     columns, tables = list(joints), {"truth": DataFrame(true, index, joints)}
     if robot is not None and robot.kinematics is not None:
         columns += [*AXES, TOOL]
-        reported, moved = all_joints(recording, robot)[judged], robot.index(list(joints))
-        at = _place_tool(robot.kinematics, reported, moved, true)
+        joint, moved = all_joints(recording, robot)[judged], robot.index(list(joints))
+        joint[:, moved] = true
+        at = robot.kinematics.forward(joint)[..., :3, 3]
         tables["tool"] = DataFrame(at, index, AXES)
         for which, position in positions.items():
-            off = _place_tool(robot.kinematics, reported, moved, position[judged]) - at
-            distance = np.linalg.norm(off, axis=1)
-            errors[which] = np.column_stack([errors[which], off, distance])
+            joint[:, moved] = position[judged]
+            off = robot.kinematics.forward(joint)[..., :3, 3] - at
+            errors[which] = np.column_stack([errors[which], off, np.linalg.norm(off, axis=1)])
     frames = {key: DataFrame(error, index, columns) for key, error in errors.items()}
     model = zeroed(models[chosen][0], inputs, rezero)
     about = _facts(recording, model, truth - measured)
@@ -192,13 +192,6 @@ def _facts(recording: Recording, model: Calibration, error: Array) -> dict[str, 
         "inside": status & ~int(Status.ZERO_SUSPECT) == 0,
         "believable": np.all((error >= lower) & (error <= upper), axis=1),
     }
-
-
-def _place_tool(chain: Kinematics, joint: Array, moved: Sequence[int], positions: Array) -> Array:
-    """Place of the tool (n, 3) [m] with the `moved` joints of (n, n_joints) at other positions."""
-    joint = joint.copy()
-    joint[:, moved] = positions
-    return chain.forward(joint)[..., :3, 3]
 
 
 def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
@@ -244,17 +237,15 @@ def score_errors(
     errors: DataFrame, rows: DataFrame, units: Mapping[str, str], recording: str = ""
 ) -> DataFrame:
     """Score a frame of errors by estimator and joint, in `units`: see `Evaluation.scores`."""
-    inside = rows["inside"].to_numpy()
-    by_seed = pd.concat(
-        {
-            "rmse": _root(errors),
-            "max_abs": errors.abs().max(),
-            "mean": errors.mean(),
-            "rmse_inside": _root(errors[inside]),
-            "rmse_outside": _root(errors[~inside]),
-        },
-        axis=1,
-    ).groupby(level=["joint", "estimator"], sort=False)
+    inside, squares = rows["inside"].to_numpy(), errors.pow(2)
+    columns = {
+        "rmse": squares.mean().pow(0.5),
+        "max_abs": errors.abs().max(),
+        "mean": errors.mean(),
+        "rmse_inside": squares[inside].mean().pow(0.5),
+        "rmse_outside": squares[~inside].mean().pow(0.5),
+    }
+    by_seed = pd.concat(columns, axis=1).groupby(level=["joint", "estimator"], sort=False)
     scores = by_seed.mean()
     scores["max_abs"] = by_seed["max_abs"].max()
     scores["spread"], scores["seeds"] = by_seed["rmse"].std(), by_seed.size()
@@ -279,10 +270,6 @@ def score_recordings(errors: DataFrame, rows: DataFrame, units: Mapping[str, str
     ]
     scores = pd.concat(parts, ignore_index=True)
     return scores[scores["joint"] != TOOL]
-
-
-def _root(errors: DataFrame) -> pd.Series:
-    return errors.pow(2).mean().pow(0.5)
 
 
 def worst_windows(
@@ -325,23 +312,10 @@ def worst_stretches(
         for part in by_recording(rows.index):
             t, error = rows["t"].to_numpy()[part], errors[verdict.joint].to_numpy()[part]
             for first, end, root in worst_windows(t, error, WINDOW, _COUNT):
-                windows.append(
-                    {
-                        "joint": verdict.joint,
-                        "unit": verdict.unit,
-                        "recording": rows.index[part][0],
-                        "start": t[first],
-                        "end": t[end - 1],
-                        "rmse": root,
-                        "max_abs": np.abs(error[first:end]).max(),
-                        "ratio": root / limit,
-                    }
-                )
-    worst = DataFrame(windows).sort_values("ratio", ascending=False, kind="stable")
+                where = verdict.joint, verdict.unit, rows.index[part][0], t[first], t[end - 1]
+                windows.append((*where, root, np.abs(error[first:end]).max(), root / limit))
+    worst = DataFrame(windows, columns=_WORST).sort_values("ratio", ascending=False, kind="stable")
     return worst.groupby("joint").head(_COUNT).drop(columns="ratio").reset_index(drop=True)
-
-
-_NAMED: Final = 4  # recordings that a sentence names
 
 
 def judge_interval(
@@ -388,11 +362,10 @@ def judge_interval(
         shared = homing and interval.any_homing
         unit = units.setdefault(f"homing {homing}" if shared else rows.index[part][0], [])
         unit.append(((inputs.truth[has_truth] - position)[scored], widening[scored]))
-    objections = []
-    for reason, names in names_of.items():
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        listed = "; ".join(names[:_NAMED]) + more
-        objections.append(f"Coverage is not judged on {listed}: {reason}.")
+    objections = [
+        f"Coverage is not judged on {_listed(names, _NAMED, '; ')}: {reason}."
+        for reason, names in names_of.items()
+    ]
     places = pd.MultiIndex.from_product([("lower", "upper"), calibration.joints])
     bounded = DataFrame(np.concatenate(bounds), rows.index, places)
     return {
@@ -403,6 +376,11 @@ def judge_interval(
         "interval_objections": tuple(objections),
         "rows": pd.concat([rows, bounded], axis=1),
     }
+
+
+def _listed(names: Sequence[str], most: int, between: str = ", ") -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return between.join(names[:most]) + more
 
 
 def _allows_offset(interval: Interval) -> bool:
@@ -421,16 +399,13 @@ def _scores(
     calibration: Calibration, units: Sequence[Sequence[tuple[Array, Array]]]
 ) -> Iterator[dict[str, Any]]:
     """Score every level and joint on errors and widenings of trajectories, by recording."""
-    interval = calibration.required_interval()
-    errors, widenings = (
-        [np.concatenate([pair[k] for pair in unit]) for unit in units] for k in range(2)
-    )
-    for row, level in enumerate(interval.levels if units else ()):
-        base = interval.half_widths[row]
-        allowed = [widening[:, None] * base for widening in widenings]
-        inside = [np.abs(e) <= most for e, most in zip(errors, allowed, strict=True)]
-        shares = np.array([rows.mean(axis=0) for rows in inside])
-        half_width = base * np.mean([widening.mean() for widening in widenings])
+    interval, pairs = calibration.required_interval(), []
+    for unit in units:
+        errors, widenings = (np.concatenate(parts) for parts in zip(*unit, strict=True))
+        pairs.append((np.abs(errors), widenings[:, None]))
+    for level, base in zip(interval.levels, interval.half_widths, strict=True) if units else ():
+        shares = np.array([(size <= wide * base).mean(axis=0) for size, wide in pairs])
+        half_width = base * np.mean([wide.mean() for _, wide in pairs])
         for k, joint in enumerate(calibration.joints):
             yield {
                 "joint": joint,
@@ -485,7 +460,7 @@ def _note(calibration: Calibration, level: float, judged: Sequence[Recording]) -
         masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
         note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
     named = _own_homings(calibration) and all(r.provenance.homing_id for r in judged)
-    if not named and not _allows_offset(interval):
+    if not (named or _allows_offset(interval)):
         note += " Not all recordings name their homing; it is taken to be the same one."
     return note
 
@@ -516,10 +491,8 @@ def unlike(
         column, at = values.xs(joint, level="joint")[kind], (joint, kind)
         sides = column[column < low.at[at]], column[column > high.at[at]]
         for words, beyond in zip(_WORDS[kind], sides, strict=True):
-            names = ", ".join(map(str, beyond.index[:_LISTED]))
-            if len(beyond) > _LISTED:
-                names += f" and {len(beyond) - _LISTED} more"
-            if names:
+            if len(beyond):
+                names = _listed(list(map(str, beyond.index)), _LISTED)
                 text = _range_text([beyond.min(), beyond.max()], kind, joint, units)
                 learnt_text = ranges[f"{kind} of {joint}"]
                 yield f"{joint} {words} than in training in {names}: {text}, learnt {learnt_text}."
