@@ -2,9 +2,9 @@ from .evaluate import evaluate as evaluate
 from .evaluate import part_by_time as part_by_time
 from .paired_test import Difference as Difference
 from .paired_test import compare as compare
-from .report import render_report as render_report
-from .report import write_comparison as write_comparison
-from .report import write_report as write_report
+from .report.page import render_report as render_report
+from .report.page import write_comparison as write_comparison
+from .report.page import write_report as write_report
 from .results import Domain as Domain
 from .results import Evaluation as Evaluation
 from .results import JointVerdict as JointVerdict

@@ -42,8 +42,11 @@ def test_panels_fill_the_width_without_touching():
     assert domains[1][0] - domains[0][1] == pytest.approx(0.05)
 
 
-def test_titles_cannot_carry_markup():
+def test_titles_cannot_carry_markup_or_steer_a_screen():
     assert figures.plain("<a href='x'>&") == "&lt;a href='x'&gt;&amp;"
+    assert figures.plain("\x1b\u2028\U0001f600") == "\\x1b\\u2028\U0001f600"
+    assert figures.curve([0.0], [0.0], "\x1b<", "red")["name"] == "\\x1b&lt;"
+    assert figures.axis("\x1b<")["title"]["text"] == "\\x1b&lt;"
 
 
 def test_rows_are_spread_evenly():

@@ -13,6 +13,7 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.drawing import BLUE, GREEN, GREY, INK, ORANGE, PALETTE, PURPLE, SKY, ecdf
+from truejoint.errors import printable
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -53,13 +54,10 @@ FONT: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', A
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of the page: Plotly specifications, between which a menu switches.
-
-    `label` is for readers who cannot see it.
-    """
+    """One figure of the page: Plotly specifications, between which a menu switches."""
 
     key: str
-    label: str
+    label: str  # For readers who cannot see it
     caption: str
     variants: Sequence[Spec]
     wide: bool = True
@@ -77,8 +75,8 @@ def packed(values: Array | NDArray[np.float32]) -> Spec:
 
 
 def plain(text: str) -> str:
-    """Text that a figure shows as it is: plotly reads some HTML in titles and labels."""
-    return html.escape(text, quote=False)
+    """Text that a figure shows as it is, `printable`: plotly reads some HTML in titles."""
+    return html.escape(printable(text), quote=False)
 
 
 def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
@@ -119,10 +117,7 @@ def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
 
 
 def side_by_side(parts: Sequence[Panel], height: int, across: int = 0, gap: float = 0.075) -> Spec:
-    """Draw panels, each with its curves on axes of its own, in rows of a `height` [px].
-
-    So many stand side by side, at most three if that is not said.
-    """
+    """Draw panels on their own axes, in rows of a `height` [px]: so many `across`, or up to 3."""
     across = across or (min(3, len(parts)) if len(parts) != 4 else 2)
     down = -(-len(parts) // across)
     wide, band = (1.0 - gap * (across - 1)) / across, 1.0 / down
@@ -304,9 +299,8 @@ def loops(evaluation: Evaluation) -> Figure:
             path = unit.scale * np.column_stack((truth, evaluation.error(name, joint)))
             options = {"width": 0.7, "opacity": opacity, "showlegend": column == 0}
             paths = (path[part] for part in parts)
-            x, y = broken(part[every(len(part), most)] for part in paths).T
-            label = estimator_title(name)
-            curves.append(curve(x, y, label, colour, hoverinfo="skip", **options))
+            x, y = broken(rows[every(len(rows), most)] for rows in paths).T
+            curves.append(curve(x, y, estimator_title(name), colour, hoverinfo="skip", **options))
         across = {"title": f"{joint} position [{unit.name}]"}
         panels.append((across, {"title": f"error [{unit.name}]"}, curves))
     caption = (
@@ -394,10 +388,7 @@ def _panels(
 
 
 def _error_panels(panels: Sequence[_Errors], moves: Array, unit: DisplayUnit, most: int) -> Spec:
-    """Panels side by side on one scale, with at most so many dots of each direction in one.
-
-    `moves` (n,) is the direction of motion: 1, -1 or 0.
-    """
+    """Panels on one scale, each with at most `most` dots of the ways 1 and -1 of `moves` (n,)."""
     drawn = []
     every = np.concatenate([error for _, _, error in panels])
     low, high = float(every.min()), float(every.max())
@@ -524,13 +515,11 @@ def touch_maps(report: TouchReport) -> Iterator[Figure]:
         caption = (
             f"Each dot is a dimple, seen {where}; its colour is how far off the tip "
             "was [mm], the line from it in which direction, drawn out for each panel. Before: as "
-            f"measured, the block laid over all as well as it can be. After: by fits that did "
-            "not see it, its own error included." + rejected
+            "measured, the block laid over all as well as it can be. After: by fits that did "
+            f"not see it, its own error included.{rejected}"
         )
-        key = f"map-{'xyz'[a]}{'xyz'[b]}"
-        yield Figure(
-            key, f"Errors of the tip, {where}", caption, [side_by_side(panels, 340, gap=0.2)]
-        )
+        key, label = f"map-{'xyz'[a]}{'xyz'[b]}", f"Errors of the tip, {where}"
+        yield Figure(key, label, caption, [side_by_side(panels, 340, gap=0.2)])
 
 
 def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -> list[Spec]:
@@ -539,18 +528,14 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     good = ~left_out
     longest = np.linalg.norm(error[good][:, axes], axis=1).max()
     tip = place + _ARROW * np.ptp(place, axis=0).max() / longest * error[:, axes]
-    lines = np.full((3 * good.sum(), 2), np.nan)
-    lines[0::3], lines[1::3] = place[good], tip[good]
+    ways = broken(np.stack([place[good], tip[good]], axis=1)).T
     bar = _LOOK["colour_bar"] | {"title": {"text": "error [mm]", "side": "top"}}
     marker = _LOOK["coloured_dots"] | {"color": packed(size[good]), "size": 9, "colorbar": bar}
     marker["cmax"] = float(size[good].max())
-    x, y = place[good].T
+    (x, y), (a, b) = place[good].T, place[left_out].T
     dots = scatter("markers", x, y, "error [mm]", marker=marker, showlegend=False)
-    style = {"width": 1.5, "hoverinfo": "skip"}
-    drawn = [curve(lines[:, 0], lines[:, 1], "direction", GREY, **style), dots]
+    drawn = [curve(ways[0], ways[1], "direction", GREY, width=1.5, hoverinfo="skip"), dots]
     if left_out.any():
-        cross = {"marker": {"symbol": "x", "size": 9, "color": ORANGE}}
-        drawn.append(
-            scatter("markers", place[left_out, 0], place[left_out, 1], "rejected", **cross)
-        )
+        cross = {"symbol": "x", "size": 9, "color": ORANGE}
+        drawn.append(scatter("markers", a, b, "rejected", marker=cross))
     return drawn

@@ -1,6 +1,5 @@
 """Self-contained HTML pages: what a calibration is worth, several side by side, and touches."""
 
-import json
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
@@ -9,18 +8,19 @@ from datetime import UTC, datetime
 from functools import cache, partial
 from hashlib import sha256
 from importlib.resources import files
-from itertools import combinations, cycle
+from itertools import chain, combinations, cycle
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
 import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
 from pandas import DataFrame
 
 from truejoint import drawing
 from truejoint._version import __version__, versions
 from truejoint.calibration import Calibration
-from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
+from truejoint.errors import CalibrationError, RecordingError, shown_text
 from truejoint.evaluation import score_tables as view
 from truejoint.evaluation.evaluate import compare_models
 from truejoint.evaluation.report import figures
@@ -39,7 +39,6 @@ from truejoint.units import with_unit
 
 _POLICY: Final = "script-src 'self'"  # as the template has it
 _SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)
-_ESCAPED: Final = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u.{4}|\\.")  # what JSON's writer escapes
 
 
 def write_report(
@@ -253,11 +252,7 @@ def render_figures(
     template: str, drawn: Mapping[str, Iterable[figures.Figure]], **values: Any
 ) -> str:
     """Fill a template that extends ``figures.html.j2`` with what is drawn, by section."""
-    shown = [
-        {"key": figure.key, "variants": figure.variants}
-        for part in drawn.values()
-        for figure in part
-    ]
+    shown = [{"key": each.key, "variants": each.variants} for each in chain(*drawn.values())]
     return render_page(
         template,
         drawn=drawn,
@@ -289,17 +284,8 @@ def _environment(package: str) -> jinja2.Environment:
 
 
 def script_json(value: Any) -> str:
-    """JSON that may stand inside a script element: nothing in it can end the element.
-
-    Texts in it are `printable`.
-    """
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    text = _ESCAPED.sub(
-        lambda found: json.dumps(printable(json.loads(f'"{found[0]}"')))[1:-1], text
-    )
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
+    """JSON that may stand inside a script element: nothing in it can end the element."""
+    return htmlsafe_json_dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def facts(evaluation: Evaluation, what: str) -> list[str]:
