@@ -106,7 +106,7 @@ def test_what_it_states_of_itself_holds():
 
 
 def test_errors_that_joints_keep_are_weighed_by_what_they_do_to_the_tip():
-    rows = rows_of().with_joint_sd(np.array([2e-3, 1e-9, 1e-9]))
+    rows = replace(rows_of(), joint_sd=np.array([2e-3, 1e-9, 1e-9, 0.0, 0.0, 0.0, 0.0]))
     found = fit_rows(rows, prior(pose_sd=0.0, zero_sd=np.inf))
     plain = fit_rows(rows_of(), prior(pose_sd=0.0, zero_sd=np.inf))
     assert found.sd[0] > 1.3 * plain.sd[0]

@@ -59,8 +59,9 @@ def test_touches_after_a_homing_give_its_zero(model, pose, first):
 def test_errors_beyond_the_trainings_are_seen(model, first):
     stated, factors = np.array([1e-3, 1e-3, 1e-4]), []
     for seed in range(5):
-        rows = rows_of(30, seed, noise=2e-4).with_joint_sd(stated)
-        rows = replace(rows, basis=rows.basis[:, :, :0])
+        rows = rows_of(30, seed, noise=2e-4)
+        joint_sd = np.append(stated, np.zeros(4))
+        rows = replace(rows, basis=rows.basis[:, :, :0], joint_sd=joint_sd)
         off = 4.0 * stated * np.random.default_rng(seed).standard_normal((30, 3))
         joint = rows.joint.copy()
         joint[:, :3] += TRUE.coefficients[:3] + off

@@ -34,21 +34,16 @@ from truejoint.tip.fit import (
 from truejoint.tip.terms import Terms
 from truejoint.units import with_unit
 
+# What a point may err, and joints may keep, as multiples of what was fitted with or is expected.
 _POINT: Final = np.geomspace(0.25, 4.0, 9)
-"""What a point may err, as multiples of what it was fitted with."""
 _JOINT: Final = np.array([0.0, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0])
-"""What joints may keep, as multiples of what is expected."""
-_DOUBT: Final = math.log(2.0)
-"""Deviation of the logarithm of a noise that a person states."""
-_SAME: Final = 3e-3
-"""Tips that rest nearer to each other than this, from the same sides, rest at one place [m]."""
+_DOUBT: Final = math.log(2.0)  # deviation of the logarithm of a noise that a person states
+_SAME: Final = 3e-3  # m; tips that rest nearer to each other, from the same sides, are at one place
 _LEAST: Final = 7.0  # of a split's likelihood below the best
 _ANYWHERE: Final = 0.02  # m, how widely outliers lie
 _PLACES: Final = 200  # at which the error over a workspace is worked out
-_PROOF: Final = 9.0
-"""By how much the logarithm of the likelihood grows where a fault is named."""
-_HINT: Final = 2.0
-"""The same where it is said. Of a hundred good sets two say so."""
+_PROOF: Final = 9.0  # by which the likelihood's logarithm grows where a fault is named
+_HINT: Final = 2.0  # the same where it is said; of a hundred good sets two say so
 _SCALE_SD: Final = 0.03
 _MARKER_SD: Final = 0.02  # m
 _MEANT: Final = 0.5  # rad by which a block may be turned from how it is meant to stand
@@ -88,10 +83,10 @@ def repeated(rows: TipRows, plays: Array) -> Integers:
 def repeat_noise(fit: TipFit, place: Integers) -> tuple[float, int]:
     """Mean square per axis of how repeats differ [m^2], and its degrees of freedom."""
     total, freedom = 0.0, 0
-    for number in np.unique(place):
+    for number in np.unique(place[~fit.left_out]):
         off = fit.residual[(place == number) & ~fit.left_out]
-        total += float(((off - off.mean(axis=0)) ** 2).sum()) if len(off) else 0.0
-        freedom += 3 * max(len(off) - 1, 0)
+        total += float(((off - off.mean(axis=0)) ** 2).sum())
+        freedom += 3 * (len(off) - 1)
     return total / max(freedom, 1), freedom
 
 
@@ -183,15 +178,13 @@ def refitted(fit: TipFit, stated: TipRows, splits: Sequence[Split]) -> TipFit:
     return fit_rows(rows, fit.prior, start=fit.state)
 
 
-def tip_error(
-    fit: TipFit, splits: Sequence[Split], terms: Terms, joint: Array, seed: int = 0
-) -> TipError:
+def tip_error(fit: TipFit, splits: Sequence[Split], terms: Terms, joint: Array) -> TipError:
     """Error of the tip in the frame at joints (m, n_joints) [rad or m] that are come to at random.
 
     By what the fit leaves open and what joints keep; it is no less than the fit's residual over the
     root of its number.
     """
-    side = np.random.default_rng(seed).choice([-1.0, 1.0], (len(joint), len(terms.joints), 1))
+    side = np.random.default_rng(0).choice([-1.0, 1.0], (len(joint), len(terms.joints), 1))
     basis = terms.basis_at(joint[:, list(fit.rows.columns)], side)
     rows = replace(fit.rows, joint=joint, basis=basis, point=np.zeros((len(joint), 3)))
     equations = rows.equations(replace(fit.state, marker=np.zeros(3)))

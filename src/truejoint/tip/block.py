@@ -26,12 +26,11 @@ from truejoint.robots.robot import Robot, as_robot
 from truejoint.schema import Bounds, Key, Length, Positive, Shape
 from truejoint.toml_file import read_toml
 
+# Standard deviations: of a print's size before it is measured, as a share of it; of a calliper's
+# reading [m]; and of a tip from its dimple at rest, per axis [m].
 PRINT_SD: Final = 5e-3
-"""Standard deviation of a print's size before it is measured, as a share of it."""
 CALLIPER_SD: Final = 3e-5
-"""Standard deviation of a calliper's reading [m]."""
 TOUCH_SD: Final = 2e-4
-"""Standard deviation of a tip from its dimple at rest, per axis [m]."""
 _COMMENTS: Final = {
     "calliper_mm": "Measure the print here with a calliper and enter measured_mm = ... below.",
     "rotation": "Where it stands in the robot's base.",
@@ -42,10 +41,8 @@ _COMMENTS: Final = {
 _LARGEST: Final = 10.0  # coordinate [m]
 PITCH: Final = 10e-3  # between dimples [m]
 MOST: Final = 9  # dimples along a side
-HIGHEST_STEP: Final = 12e-3
-"""A wrist reaches further than this beyond its shaft, which so passes the next step [m]."""
-LOWEST_STEP: Final = 1e-3
-"""Of a workspace that is hardly deep [m]: one plane would leave a turn open."""
+HIGHEST_STEP: Final = 12e-3  # m; a wrist reaches further beyond its shaft, which so passes it
+LOWEST_STEP: Final = 1e-3  # m, of a workspace that is hardly deep: a plane leaves a turn open
 BASE: Final = 10e-3  # below the lowest step [m]
 CONE: Final = 2e-3  # radius and depth of a dimple [m]
 _ROUND: Final = 24  # points of a dimple's rim

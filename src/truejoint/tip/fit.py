@@ -25,13 +25,11 @@ POSE: Final = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 MARKER: Final = ("marker x", "marker y", "marker z")
 SCALE: Final = "scale"
 TURN: Final = ("marker turn x", "marker turn y", "marker turn z")
-HUBER: Final = 2.8
-"""Whitened residuals longer than this get Huber's weight; one good residual in twenty is."""
+HUBER: Final = 2.8  # whitened residuals longer than this get Huber's weight; one in twenty is
+# Points further than this from what the others expect [deviations] are outliers. In sets of 30 good
+# points, one set in two hundred has such a point.
 GATE: Final = 4.5
-"""Points further than this from what the others expect [deviations] are outliers. In sets of 30
-good points, one set in two hundred has such a point."""
-NORM_MEDIAN: Final = 1.538
-"""Median of the length of three standard normal numbers."""
+NORM_MEDIAN: Final = 1.538  # of the length of three standard normal numbers
 _MOST_STEPS: Final = 50
 _SETTLED: Final = 1e-4  # of a parameter's standard deviation
 _NEARLY: Final = 1e-2  # the same where the noise is what residuals say
@@ -40,18 +38,14 @@ _OPEN: Final = 1e-13  # eigenvalue of the scaled normal equations below which a 
 
 @dataclass(frozen=True, eq=False)
 class TipState:
-    """Parameters of the rows."""
+    """Parameters of the rows: correction, the frame's pose in the base, the marker's on a tool."""
 
     coefficients: Array  # (k,), of the correction's terms
-    # (3, 3), of the frame in the robot's base
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    # (3,), of the frame's origin in the robot's base [m]
-    translation: Array = field(default_factory=lambda: np.zeros(3))
-    # (3,), point that is seen, in the tool's frame [m]
-    marker: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), of the frame
+    translation: Array = field(default_factory=lambda: np.zeros(3))  # (3,), of its origin [m]
+    marker: Array = field(default_factory=lambda: np.zeros(3))  # (3,), point that is seen [m]
     scale: float = 1.0  # By which the frame's points are larger than stated
-    # (3, 3), rotation of the marker in the tool's frame
-    turn: Array = field(default_factory=lambda: np.eye(3))
+    turn: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), of the marker
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,9 +148,7 @@ class TipRows:
     """
 
     kinematics: Kinematics
-    # (m, n_joints), positions of all joints that the kinematics take, as measured or corrected [rad
-    # or m]
-    joint: Array
+    joint: Array  # (m, n_joints), all that the kinematics take, measured or corrected [rad or m]
     columns: tuple[int, ...]  # Which of these the terms correct
     basis: Array  # (m, n_corrected, k), correction per coefficient [rad or m]
     point: Array  # (m, 3), where the frame has the tool's point [m]
@@ -197,12 +189,6 @@ class TipRows:
         """Give some of the rows."""
         names = ["joint", "basis", "point", *["orientation"] * (self.orientation is not None)]
         return replace(self, **{name: getattr(self, name)[chosen] for name in names})
-
-    def with_joint_sd(self, corrected: Array) -> "TipRows":
-        """Rows with another deviation (n_corrected,) of the joints that the terms correct."""
-        joint_sd = self.joint_sd.copy()
-        joint_sd[list(self.columns)] = corrected
-        return replace(self, joint_sd=joint_sd)
 
     @property
     def corrected_sd(self) -> Array:
@@ -257,13 +243,14 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
     Least squares (Kabsch, Acta Cryst. A32, 1976). Raises CalibrationError for fewer than three
     points or points in one line, which leave a turn open.
     """
-    spread = np.linalg.svd(point - point.mean(axis=0), compute_uv=False) if len(point) > 2 else [0]
-    if not (len(spread) > 1 and spread[1] > 1e-3 * spread[0] > 0.0):
+    there, about = tip.mean(axis=0), point.mean(axis=0)
+    spread = np.linalg.svd(point - about, compute_uv=False)
+    if len(point) < 3 or not spread[1] > 1e-3 * spread[0] > 0.0:
         raise CalibrationError(
             f"{len(point)} points leave the pose of their frame open; give three, not in one line"
         )
-    turn = Rotation.align_vectors(tip - tip.mean(axis=0), point - point.mean(axis=0))[0].as_matrix()
-    return turn, tip.mean(axis=0) - turn @ point.mean(axis=0)
+    turn = Rotation.align_vectors(tip - there, point - about)[0].as_matrix()
+    return turn, there - turn @ about
 
 
 def pose_matrix(rotation: Array, translation: Array) -> Array:
@@ -285,11 +272,9 @@ class TipFit:
     state: TipState
     covariance: Array  # (n, n), of all parameters; zero for those that were held
     residual: Array  # (m, 3), predicted less stated points [m]
-    # (m,), distance of each point from what the others expect, in its standard deviations
-    distance: Array
+    distance: Array  # (m,), of each point from what the others expect, in standard deviations
     weight: Array  # (m,), with which each point counted; 0 for an outlier
-    # Sum of squares of all whitened residuals, the prior's included; expected to be `freedom`
-    misfit: float
+    misfit: float  # Squares of whitened residuals, the prior's too; expected to be `freedom`
     freedom: int  # Residuals less parameters that are estimated
 
     @property

@@ -16,8 +16,7 @@ from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipPrior, TipRows, whiten_rows
 from truejoint.tip.terms import LEFT, Terms, spread_of, wide_priors
 
-STAND_SD: Final = (0.1, 0.02)
-"""How far a block stands from where it is meant to [rad, m]."""
+STAND_SD: Final = (0.1, 0.02)  # rad and m by which a block stands off where it is meant to
 _REPEATED: Final = 5  # Each such touch is made twice
 
 
@@ -88,7 +87,7 @@ def learning(robot: Robot, pose: BlockPose, prior: Calibration | None = None) ->
     terms, (names, joint) = Terms.of_workspace(robot), reachable(robot, pose)
     basis, point = terms.basis_at(joint[:, robot.index(terms.joints)]), pose.block.at(names)
     rows = TipRows.of(robot, joint, terms.joints, basis, point, TOUCH_SD, LEFT * terms.scale)
-    known = touch.terms_prior(rows, pose.block, *wide_priors(terms)[0])
+    known = touch.terms_priors(rows, pose.block, wide_priors(terms))[0]
     return Task(robot, pose, touch.fewest_touches(prior), names, rows, known, has_repeats=True)
 
 

@@ -16,10 +16,10 @@ from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
+# Half-widths of each joint's plays: for touches, as shares of its workspace; for a tracker, of half
+# its way. Friction turns at once, cables later.
 WIDTHS: Final = (1e-3, 5e-3, 2e-2)
-"""Half-widths of each joint's plays for touches, as shares of its workspace."""
 TRACKED_WIDTHS: Final = (0.002, 0.02)
-"""The same for a tracker, as shares of half a joint's way: friction turns at once, cables later."""
 SPREAD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
 """Scale of the coefficients for touches; by as much a homing moves a zero, widely."""
 # Standard deviations of the terms. For touches in `SPREAD`, for a tracker as shares of half a
@@ -28,15 +28,14 @@ WIDE: Final = {"zero": 5.0, "slope": 2.0, "square": 0.5, "play": 0.3}
 """Touches of an arm of which no other calibration is known."""
 AGAIN: Final = {"zero": 1.0, "slope": 0.1, "square": 0.05, "play": 0.05}
 """Differences of one arm's terms from one calibration to the next, for touches."""
-TRACKED: Final = {"slope": 0.15, "square": 0.05, "play": 0.03}
-"""What cables may do, for a tracker."""
+TRACKED: Final = {"slope": 0.15, "square": 0.05, "play": 0.03}  # what cables may do, for a tracker
 TRACKED_ZERO: Final = {"rad": 0.2, "m": 0.02}
 LEFT: Final = 0.03
 """What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
 # Shares of `WIDE`, of each kind by itself: cables that slip much may stretch little.
-_SLOPES: Final = (1.0, 0.4, 0.15)
-_SQUARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03)
-_PLAYS: Final = (1.0, 0.5, 0.25, 0.12, 0.06)
+_SHARES: Final = (
+    (1.0,), (1.0, 0.4, 0.15), (1.0, 0.5, 0.25, 0.12, 0.06, 0.03), (1.0, 0.5, 0.25, 0.12, 0.06),
+)  # fmt: skip
 _GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may have changed more
 _PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken for its terms
 
@@ -200,12 +199,8 @@ class TermsPrior(NamedTuple):
 
 def wide_priors(terms: Terms) -> list[TermsPrior]:
     """Expect little of any arm, with all but the zeros smaller from one prior to the next."""
-    nothing = np.zeros(len(terms.kinds))
-    shares = (
-        {"zero": 1.0, "slope": slope, "square": square, "play": play}
-        for slope, square, play in product(_SLOPES, _SQUARES, _PLAYS)
-    )
-    wide = terms.sds(WIDE)
+    nothing, wide = np.zeros(len(terms.kinds)), terms.sds(WIDE)
+    shares = (dict(zip(WIDE, share, strict=True)) for share in product(*_SHARES))
     return [TermsPrior(nothing, wide * terms.sds(share)) for share in shares]
 
 

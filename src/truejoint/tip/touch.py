@@ -40,23 +40,19 @@ from truejoint.tip.terms import (
 )
 from truejoint.units import shown, with_unit
 
-FEWEST: Final = 3
-"""Touches that re-zero a calibration."""
-FEWEST_OF_BLOCK: Final = 2 * FEWEST
-"""Touches that find a block's pose."""
+FEWEST: Final = 3  # touches that re-zero a calibration
+FEWEST_OF_BLOCK: Final = 2 * FEWEST  # touches that find a block's pose
+# Squares of residuals, as a multiple of what is expected, beyond which nothing fits. Where block,
+# arm and day are right they stay below two on ten arms whose errors are 2.5 times as stated.
 _MISFIT: Final = 3.0
-"""Squares of residuals, as a multiple of what is expected, beyond which nothing fits. Where block,
-arm and day are right they stay below two on ten arms whose errors are 2.5 times as stated."""
 _MOVES: Final = 11.3  # chi-square of three freedoms that one block in a hundred exceeds at rest
 _MOVED: Final = (0.02, 3e-3)  # rad and m per axis by which a block is looked for elsewhere
 _UNNOTICED: Final = (3e-3, 3e-4)  # the same of a move that touches may not show
-_FARTHEST: Final = 3.0
-"""No homing moves a zero by more, in `SPREAD`, but a block that has moved may seem to."""
+_FARTHEST: Final = 3.0  # `SPREAD`; no homing moves a zero further, a moved block may seem to
 _ENLARGED: Final = 3.0  # times the training's errors, with which a block is first fitted
 _SPLITS: Final = 2  # rounds of choosing a prior and splitting the residuals
 _ROUNDS: Final = 5  # of moving the inputs of a model until its output fits
-REST: Final = 0.3
-"""Time before a touch's stamp over which positions are averaged [s]."""
+REST: Final = 0.3  # s before a touch's stamp, over which positions are averaged
 _OTHERWISE: Final = "has the block moved since its pose was found, or is the model of another arm?"
 _SLACK: Final = {"rad": 5e-4, "m": 5e-5}  # by which positions may move within `REST`
 _CALIBRATING: Final = 12  # touches of an unknown arm; half as many with a prior
@@ -72,8 +68,7 @@ _MEASURED: Final = 9  # degrees of freedom of repeats that measure a noise
 _STILL: Final = 0.1  # rad, way of a joint that counts as held
 _UNSURE: Final = 0.2  # deviation of a zero that is reported, in `SPREAD`
 _MAX_BYTES: Final = 1 << 20
-SHOT_SD: Final = 2.5e-4
-"""Standard deviation of a marker at rest that a tracker sees, per axis [m]."""
+SHOT_SD: Final = 2.5e-4  # m, deviation per axis of a marker at rest that a tracker sees
 _TRACKER: Final = 0.99  # m, a length that a tracker measures as it is
 
 
@@ -306,8 +301,8 @@ def fit_block(rows: TipRows, block: Block) -> TipFit:
     rows of the fit state them.
     """
     held = np.zeros(rows.basis.shape[2])
-    prior = terms_prior(rows, block, held, held)
-    loose = accuracy.fit_loosely(rows.with_joint_sd(_ENLARGED * rows.corrected_sd), prior)
+    (prior,) = terms_priors(rows, block, [TermsPrior(held, held)])
+    loose = accuracy.fit_loosely(replace(rows, joint_sd=_ENLARGED * rows.joint_sd), prior)
     splits = accuracy.split_residuals(loose, rows, np.arange(len(rows)), least=1.0)
     return accuracy.refitted(loose, rows, splits)
 
@@ -730,8 +725,8 @@ def fit_terms(
     learned = learned_priors(terms, prior, recording) if prior else []
     expected = [*learned, *wide_priors(terms)]
     widest, is_learned, is_odd = len(learned), False, True
-    marker = accuracy.marker_sd(rows, terms_prior(rows, block, *expected[widest]), place)
-    candidates = [terms_prior(rows, block, *each, marker) for each in expected]
+    marker = accuracy.marker_sd(rows, terms_priors(rows, block, expected)[widest], place)
+    candidates = terms_priors(rows, block, expected, marker)
     try:
         fit = accuracy.fit_loosely(rows, candidates[widest])
         for _ in range(_SPLITS):
@@ -751,7 +746,7 @@ def fit_terms(
         is_odd = bool(trouble) or fit.rows.point_sd > _ODD * touch_sd
 
     def prior_of(each: TipRows) -> TipPrior:
-        return terms_prior(each, block, *likely, marker)
+        return terms_priors(each, block, [likely], marker)[0]
 
     known = prior_of(rows)
     what, advice = "the tracker", "check the tracker"
@@ -777,9 +772,7 @@ def fit_terms(
 
 def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
     """Say which joint's own slope is away from 1 by more than its prior allows; empty if none."""
-    diagonal = [k for k, kind in enumerate(terms.kinds) if kind == "slope"][
-        :: len(terms.joints) + 1
-    ]
+    diagonal = np.flatnonzero(np.array(terms.kinds) == "slope")[:: len(terms.joints) + 1]
     slopes, mean, sd = (a[diagonal] for a in (fit.state.coefficients, expected.mean, expected.sd))
     k = int(np.argmax(np.abs(slopes - mean) / sd))
     if abs(slopes[k] - mean[k]) < _STEEP * sd[k]:
@@ -792,17 +785,20 @@ def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
     )
 
 
-def terms_prior(
-    rows: TipRows, block: Block, mean: Array, sd: Array, marker: float = 0.0
-) -> TipPrior:
-    """Prior of coefficients, `mean` and `sd` (k,), and of a block that may stand anywhere.
+def terms_priors(
+    rows: TipRows, block: Block, expected: Sequence[TermsPrior], marker: float = 0.0
+) -> list[TipPrior]:
+    """Priors of coefficients as each is `expected`, and of a block that may stand anywhere.
 
     What is seen may be so far off the tip, `marker` [m]. The fit starts where the tool, as it is
     measured, meets the points. Raises CalibrationError if they lie in a line.
     """
     tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
-    start = TipState(mean, *align(tip, rows.point * block.scale), scale=block.scale)
-    return TipPrior.of(start, sd, scale=block.scale_sd, marker=marker)
+    start = TipState(np.empty(0), *align(tip, rows.point * block.scale), scale=block.scale)
+    return [
+        TipPrior.of(replace(start, coefficients=mean), sd, scale=block.scale_sd, marker=marker)
+        for mean, sd in expected
+    ]
 
 
 def _check_spread(
