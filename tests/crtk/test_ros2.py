@@ -368,6 +368,8 @@ def test_an_arm_served_by_another_process_moves_and_is_collected_from(tmp_path, 
     for name in ("backends.ros.SILENCE", "backends.ros.CONNECT_TIMEOUT", "backends.ros._STILL"):
         monkeypatch.setattr(f"truejoint.crtk.{name}", LONG)
     monkeypatch.setattr("truejoint.crtk.arm.SILENCE", LONG)
+    go_on = RosBackend.flush.__defaults__[1]
+    monkeypatch.setattr(RosBackend.flush, "__defaults__", (LONG, go_on))  # in place of 2 s
     with subprocess.Popen(  # noqa: S603 - a line of our own
         [*command, "--state-rate-hz", "100"], stderr=subprocess.PIPE, text=True
     ) as served:
