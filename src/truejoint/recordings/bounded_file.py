@@ -11,6 +11,8 @@ import io
 import re
 import sys
 import zlib
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
@@ -82,28 +84,44 @@ class Allowance:
         Raises RecordingError past the bounds; nothing comes of one whose `packing` is unknown.
         """
         content = bytearray()
-        if packing in _OPENERS:
-            with _OPENERS[packing](io.BytesIO(data)) as packed:
-                while piece := _read(packed):
-                    self.take(len(piece))
-                    content += piece
-                    self.check_piece(len(content))
+        for piece in _readable(_UNPACKERS[packing](data)) if packing in _UNPACKERS else ():
+            self.take(len(piece))
+            content += piece
+            self.check_piece(len(content))
         return bytes(content)
 
 
-def _read(packed: Any) -> bytes:
-    """Unpack the next bytes, none where they are damaged; each packing has errors of its own."""
-    try:
-        return bytes(packed.read1(_STEP_BYTES))
-    except Exception:  # noqa: BLE001
-        return b""
+def _readable(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Give pieces up to where they are damaged; each packing has errors of its own."""
+    with suppress(Exception):
+        yield from pieces
+
+
+def _pieces(packed: Any) -> Iterator[bytes]:
+    with packed:
+        while piece := packed.read1(_STEP_BYTES):
+            yield piece
+
+
+def _frames(start: Callable[[], Any], data: bytes) -> Iterator[bytes]:
+    """Unpack frames without a file, one for each message: the end of a file may swallow Ctrl-C."""
+    while data:
+        frame, packed = start(), data
+        while not frame.eof and (piece := frame.decompress(packed, _STEP_BYTES)):
+            yield piece
+            packed = b""
+        data = frame.unused_data if frame.eof else b""
 
 
 _ZSTD: Final = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-_OPENERS: Final[dict[str, Any]] = {
-    "bz2": bz2.BZ2File,
-    "lz4": lambda file: require("lz4.frame", "ros", "unpacking LZ4").LZ4FrameFile(file),
-    "zstd": lambda file: require(_ZSTD, "ros", "unpacking Zstandard").ZstdFile(file),
+_UNPACKERS: Final[dict[str, Callable[[bytes], Iterator[bytes]]]] = {
+    "bz2": lambda data: _pieces(bz2.BZ2File(io.BytesIO(data))),
+    "lz4": lambda data: _pieces(
+        require("lz4.frame", "ros", "unpacking LZ4").LZ4FrameFile(io.BytesIO(data))
+    ),
+    "zstd": lambda data: _frames(
+        require(_ZSTD, "ros", "unpacking Zstandard").ZstdDecompressor, data
+    ),
 }
 
 
