@@ -48,10 +48,8 @@ MIRRORS = {
     "calibration/interval": ("tests/calibration/test_conformal.py",),
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
     "calibration/compatibility": ("tests/calibration/test_truth_zero.py",),
-    "calibration/efforts": (
-        "tests/calibration/test_truth_zero.py",
-        "tests/calibration/test_errors_over_time.py",
-    ),
+    "calibration/efforts": ("tests/calibration/test_truth_zero.py",),
+    "calibration/potentiometers": ("tests/calibration/test_potentiometer_zero.py",),
     "calibration/zero": ("tests/calibration/test_truth_zero.py",),
     "calibration/fit_task": ("tests/calibration/test_truth_zero.py",),
 }

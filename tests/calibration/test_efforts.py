@@ -7,14 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, efforts
+from truejoint.calibration import baseline_fit, calibrate
+from truejoint.calibration.baseline_fit import MAX_JOINTS, residual_baseline, residual_statistics
 from truejoint.calibration.efforts import (
-    MAX_JOINTS,
     count_effort_terms,
     effort_steps,
     effort_terms,
-    residual_baseline,
-    residual_statistics,
     time_in_motion,
 )
 from truejoint.recordings import Provenance, Recording
@@ -153,7 +151,7 @@ def test_beginnings_are_looked_at_from_so_many_starts_in_all_and_of_each(
         counts.append(count)
         return []
 
-    monkeypatch.setattr(efforts, "beginning_offsets", looked_at)
+    monkeypatch.setattr(baseline_fit, "beginning_offsets", looked_at)
     residual_statistics(calibration, [motion(0, duration=20.0)] * recordings, np.zeros(3))
     assert counts == [each] * recordings
 

@@ -17,7 +17,7 @@ from truejoint.calibration import (
 from truejoint.calibration.conformal import knowing_errors
 from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
 from truejoint.calibration.rows import shift_signals
-from truejoint.calibration.zero import CORRELATION_MARGIN, judged_error
+from truejoint.calibration.truth_zero import CORRELATION_MARGIN, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork
 from truejoint.estimators.family import evaluate

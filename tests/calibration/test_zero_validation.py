@@ -17,7 +17,7 @@ from truejoint.calibration import (
 )
 from truejoint.calibration.choose import validate_zeros
 from truejoint.calibration.folds import FOLDS, Fold, Part
-from truejoint.calibration.zero import judged_error
+from truejoint.calibration.truth_zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording

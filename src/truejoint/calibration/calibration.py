@@ -241,8 +241,9 @@ class Calibration(Summarised):
         for name in rezeroed.fitted_baselines:
             by = zero.baselines.get(name, zero.shift if zero.moves is None else 0.0)
             offsets[name] = offsets.get(name, np.zeros(len(self.joints))) + by
-        homing_ids = (zero.homing_id,) if zero.homing_id else rezeroed.origin.homing_ids
-        origin = replace(rezeroed.origin, homing_ids=homing_ids)
+        origin = rezeroed.origin
+        if zero.homing_id:
+            origin = replace(origin, homing_ids=(zero.homing_id,))
         return replace(rezeroed, offsets=offsets, origin=origin, zero=zero)
 
     def shifted(self, offset: Array) -> Self:

@@ -31,7 +31,7 @@ from truejoint.calibration.folds import (
 )
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.zero import judged_error, known_error
+from truejoint.calibration.truth_zero import judged_error, known_error
 from truejoint.compiled import working_times
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress

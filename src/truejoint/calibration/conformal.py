@@ -9,16 +9,16 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import folds
+from truejoint.calibration.baseline_fit import residual_statistics
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.choose import Automatic
 from truejoint.calibration.compatibility import common_robot, source_of
-from truejoint.calibration.efforts import residual_statistics
 from truejoint.calibration.fit import calibrate, cross_fit
 from truejoint.calibration.fit_task import within
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Session, distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.zero import judged_error, rows_with_truth
+from truejoint.calibration.truth_zero import judged_error, rows_with_truth
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
@@ -143,8 +143,11 @@ def _stating(
     joined = [np.concatenate([s for part in unit for s in by_part[part]], axis=1) for unit in units]
     joints = list(zip(*joined, strict=True))
     half = np.array([[conformal_threshold(joint, level) for joint in joints] for level in levels])
-    n, homings = len(units), len({r.provenance.homing_id for r in recordings} - {""})
-    interval = Interval(np.array(levels), half, GROWTH, trajectories=n, homings=homings, **how)
+    counts: dict[str, Any] = {
+        "trajectories": len(units),
+        "homings": len({r.provenance.homing_id for r in recordings} - {""}),
+    }
+    interval = Interval(np.array(levels), half, GROWTH, **counts, **how)
     origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
     return replace(calibration, interval=interval, origin=origin)
 

@@ -78,8 +78,12 @@ def fit_training_domain(
     together = np.concatenate(tables)
     lower, upper = together.min(axis=0), together.max(axis=0)
     joined = [np.diff(t) <= gap_limit for t in times]  # no difference is across a gap
-    pairs = zip([near[1:] & near[:-1] for near in joined], tables, strict=True)
-    bends = np.concatenate([np.abs(np.diff(table, 2, axis=0))[inner] for inner, table in pairs])
+    bends = np.concatenate(
+        [
+            np.abs(np.diff(table, 2, axis=0))[near[1:] & near[:-1]]
+            for near, table in zip(joined, tables, strict=True)
+        ]
+    )
     # White noise with such second differences; rows without a change say nothing of it.
     changed = [column[column > 0.0] for column in bends.T]
     usual = np.array([np.median(column) if len(column) else 0.0 for column in changed])

@@ -13,6 +13,7 @@ from typing import Any, Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.calibration.baseline_fit import fit_effort_baseline, residual_baseline
 from truejoint.calibration.calibration import Calibration, Fit
 from truejoint.calibration.choose import (
     FITTED_ROWS,
@@ -25,7 +26,6 @@ from truejoint.calibration.choose import (
 )
 from truejoint.calibration.conditions import conditions_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
-from truejoint.calibration.efforts import fit_effort_baseline, residual_baseline
 from truejoint.calibration.fit_task import FitTask, fitted_rows, recording_zeros, stride_of, within
 from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, ZeroOf, distinct
@@ -136,13 +136,14 @@ def calibrate(
     held_out: ArrayLike = 0.0
     if evidence:  # the median of the folds: some errors lie far beyond what the others show
         held_out = [evidence["chosen"]["median"][joint] for joint in fitted.joints]
-        if zero is None:
-            say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
-            own_zeros, evidence["zero"] = _judge_zeros(
-                fitted, estimator, recordings, fit_rate, held_out, say
-            )
-            if own_zeros:
-                fitted = _fitted_again(fitted, task, parts, True)
+    if evidence and zero is None:
+        say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
+        own_zeros, evidence["zero"] = _judge_zeros(
+            fitted, estimator, recordings, fit_rate, held_out, say
+        )
+        if own_zeros:
+            fitted = _fitted_again(fitted, task, parts, True)
+    if evidence:
         fitted = fitted.with_metadata(choice=evidence)
     baseline = fit_effort_baseline(fitted.for_rezeroing, parts, held_out)
     fitted = replace(fitted, effort_baseline=baseline)

@@ -19,7 +19,7 @@ from truejoint.array_types import Array, floats
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conditions import Condition
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.zero import at_start, zeroed
+from truejoint.calibration.truth_zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.evaluation.results import AXES, OFFSET, RAW, TOOL, Domain, JointVerdict, by_recording
 from truejoint.recordings.table.recording import Recording

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truejoint.calibration.calibration import Calibration, as_calibration
-from truejoint.calibration.zero import find_zero, known_error
+from truejoint.calibration.truth_zero import find_zero, known_error
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 from truejoint.summary import json_values
 

@@ -16,7 +16,7 @@ from pandas import DataFrame
 
 from truejoint.calibration import calibrate, cross_interval
 from truejoint.calibration.origin import ZeroOf
-from truejoint.calibration.zero import at_start, zeroed
+from truejoint.calibration.truth_zero import at_start, zeroed
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, find_zero
-from truejoint.calibration.efforts import (
-    BEGINNINGS,
+from truejoint.calibration.baseline_fit import (
     _root_mean_square,
     beginning_offsets,
     residual_statistics,
 )
+from truejoint.calibration.efforts import BEGINNINGS
 from truejoint.calibration.rows import Rows
 from truejoint.features import FeatureSet
 from truejoint.recordings import Recording
@@ -86,7 +86,7 @@ def test_what_is_forgotten_is_not_run_again(monkeypatch):
 
     found, count = looked_at()
     assert 200 < count <= 210  # seven times a tenth of half of the recording
-    monkeypatch.setattr("truejoint.calibration.efforts._AGREED", -1.0)  # nothing ever agrees
+    monkeypatch.setattr("truejoint.calibration.baseline_fit._AGREED", -1.0)  # nothing ever agrees
     whole, count = looked_at()
     assert 2200 < count <= 7 * (30 + 300)
     near = 0.01 * np.std(np.exp(-20.0 * t))
