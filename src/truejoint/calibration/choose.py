@@ -545,8 +545,8 @@ class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these within its training range (`truejoint.estimators.Stack`). A
-    joint is given what has the least expected error there: a mean of several (Breiman, Stacked
+    and judged on these. It is held to its training range where it errs less so (`Stack`). A joint
+    is given what has the least expected error there: a mean of several (Breiman, Stacked
     regressions, Machine Learning 24, 1996) or one alone; raw position and offset where every
     correction did harm. The fits that serve the choice see six thousand rows; what is chosen is
     fitted to all. The metadata list what was tried under ``choice``.
